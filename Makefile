@@ -1,0 +1,56 @@
+# Two commands do everything on a fresh machine: `make demo` and `make test`.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+OPEN3D_LIBRARIES := libGL.so.1 libEGL.so.1 libX11.so.6 libusb-1.0.so.0 libudev.so.1 libidn2.so.0 libgomp.so.1
+OPEN3D_PACKAGES := libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1
+
+.PHONY: help setup system-libraries demo test test-all lint format bench bench-engine clean
+
+help:
+	@echo "make demo       set up, simulate two scans of a corridor, find what changed, write the report"
+	@echo "make test       set up, run the tests (about 3 minutes)"
+	@echo "make test-all   the slow tests and those on real scans (NOVELTY_DATA) as well"
+	@echo "make lint       ruff (lint and format) and mypy"
+	@echo "make bench      the benchmarks (pytest-benchmark)"
+
+setup: $(VENV)/.installed
+
+$(VENV)/.installed: pyproject.toml constraints.txt | system-libraries
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed; name one with make PYTHON=...")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+# Open3D links against these; installed only where this user may, otherwise the command is printed.
+system-libraries:
+	@missing=; for library in $(OPEN3D_LIBRARIES); do \
+	    PATH="$$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null | grep -q "$$library" || missing="$$missing $$library"; done; \
+	if [ -n "$$missing" ] && command -v apt-get >/dev/null; then \
+	    if [ "$$(id -u)" = 0 ]; then sudo=; elif sudo -n true 2>/dev/null; then sudo="sudo -n"; else sudo=none; fi; \
+	    if [ "$$sudo" = none ]; then echo "Open3D needs:$$missing; run: sudo apt-get install $(OPEN3D_PACKAGES)"; \
+	    else $$sudo apt-get update -qq && $$sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(OPEN3D_PACKAGES) >/dev/null; fi; fi
+
+demo: setup
+	$(BIN)/novelty demo --out demo-output
+
+test: setup
+	$(BIN)/python -m pytest
+
+test-all: setup
+	$(BIN)/python -m pytest -m "slow or data or not slow"
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: setup
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: setup
+	$(BIN)/python -m pytest benchmarks -m "" --benchmark-only
+
+clean:
+	rm -rf $(VENV) demo-output .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,142 @@
+"""The configuration: one frozen object, valid when it exists, whose defaults need no tuning."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import Field, TypeAdapter, ValidationError, field_validator
+
+from novelty.detectors import Detector, GreedyEmd, Likelihood, StructuralMatching
+from novelty.errors import ConfigError
+from novelty.fitting import Fit
+from novelty.preprocess import Preprocess
+from novelty.section import section, section_fields
+from novelty.segment import Segment
+
+
+@section
+class Config:
+    """Every setting of `novelty.detect`; a detector joins by its section here, named as in `detector`."""
+
+    detector: str = Field("likelihood", description="Which detector compares the mixtures.")
+    max_components: int = Field(20, ge=1, description="K_max, the order at which the MDL search starts.")
+    seed: int = Field(0, ge=0, description="Seed of every random choice.")
+    unit: Literal["m", "cm", "mm", "in", "ft"] = Field("m", description="Unit of the scans' coordinates.")
+    preprocess: Preprocess = Field(default_factory=Preprocess)
+    fit: Fit = Field(default_factory=Fit)
+    segment: Segment = Field(default_factory=Segment)
+    greedy_emd: GreedyEmd = Field(default_factory=GreedyEmd)
+    structural_matching: StructuralMatching = Field(default_factory=StructuralMatching)
+    likelihood: Likelihood = Field(default_factory=Likelihood)
+
+    @field_validator("detector")
+    @classmethod
+    def _known_detector(cls, name: str) -> str:
+        if name not in detector_names():
+            raise ValueError(f"unknown detector {name!r}{_nearest(name, detector_names())}")
+        return name
+
+    @property
+    def chosen_detector(self) -> Detector:
+        """The detector that `detector` names, with its parameters."""
+        return getattr(self, self.detector)  # type: ignore[no-any-return]
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any]) -> Config:
+        """Build from nested mappings; absent keys keep their defaults.
+
+        Raises:
+            ConfigError: An unknown key or a value out of its domain; the message names both.
+        """
+        try:
+            return _adapter().validate_python(dict(mapping))
+        except ValidationError as error:
+            raise ConfigError(_explain(error)) from None
+
+    @classmethod
+    def from_yaml(cls, path: str | Path) -> Config:
+        """Read a YAML file of settings; see `configs/default.yaml` for every key.
+
+        Raises:
+            ConfigError: The file is missing, is not YAML, or holds an unknown key or an invalid value.
+        """
+        return cls.from_mapping(read_yaml_mapping(path))
+
+    def replace(self, **overrides: Any) -> Config:
+        """A copy with some keys changed; nested keys are dotted: `replace(**{"fit.n_init": 3})`.
+
+        Raises:
+            ConfigError: An unknown key or an invalid value.
+        """
+        mapping = self.to_mapping()
+        for dotted, value in overrides.items():
+            _set_dotted(mapping, dotted, value)
+        return type(self).from_mapping(mapping)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Nested plain dictionaries, as a YAML file would hold them; `from_mapping` inverts it."""
+        return _adapter().dump_python(self, mode="json")  # type: ignore[no-any-return]
+
+
+def detector_names() -> list[str]:
+    """Names under which `Config.detector` knows the detectors, in the order of their sections."""
+    kinds = {name: info.annotation for name, info in section_fields(Config).items()}
+    return [name for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, Detector)]
+
+
+def read_yaml_mapping(path: str | Path) -> dict[str, Any]:
+    """The mapping that a YAML file holds.
+
+    Raises:
+        ConfigError: The file is missing, is not YAML, or is not a mapping.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read the configuration {path}: {error.strerror or error}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is not valid YAML: {error}") from None
+    if not isinstance(content, dict | None):
+        raise ConfigError(f"{path} must hold `key: value` lines; found a {type(content).__name__}.")
+    return content or {}
+
+
+def _adapter() -> TypeAdapter[Config]:
+    return TypeAdapter(Config)
+
+
+def _set_dotted(mapping: dict[str, Any], dotted: str, value: Any) -> None:
+    *parents, leaf = dotted.split(".")
+    for parent in parents:
+        inner = mapping.get(parent)
+        if not isinstance(inner, dict):
+            raise ConfigError(f"unknown configuration key {dotted!r}{_nearest(parent, list(mapping))}")
+        mapping = inner
+    mapping[leaf] = value
+
+
+def _explain(error: ValidationError) -> str:
+    return "\n".join(_explain_one(item["loc"], item["type"], item["msg"], item["input"]) for item in error.errors())
+
+
+def _explain_one(location: tuple[Any, ...], kind: str, message: str, given: Any) -> str:
+    key = ".".join(str(part) for part in location)
+    if kind == "unexpected_keyword_argument":
+        return f"unknown configuration key {key!r}{_nearest(str(location[-1]), _siblings(location[:-1]))}"
+    return f"configuration key {key!r}: {message.removeprefix('Value error, ')} (got {given!r})"
+
+
+def _siblings(location: tuple[Any, ...]) -> list[str]:
+    cls: Any = Config
+    for part in location:
+        cls = section_fields(cls)[part].annotation
+    return list(section_fields(cls))
+
+
+def _nearest(name: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}"

@@ -1,0 +1,83 @@
+"""From prepared scans to mixtures: the settings of the fit and the fit itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from pydantic import Field
+
+import gmmtorch
+from gmmtorch import FitResult, GaussianMixtures, PointClouds
+from novelty.preprocess.prepared import PreparedPairs, PreparedScans
+from novelty.section import section
+
+
+@section
+class Fit:
+    """How the mixtures are fitted (section 2.3)."""
+
+    moments: Literal["spread", "centroid"] = Field(
+        "spread",
+        description="What a cell of simplified points tells the fit: its count, mean and spread, or, as in the "
+        "paper, its centroid only.",
+    )
+    initializer: Literal["evenly_spaced", "random_points", "kmeans++"] = Field(
+        "evenly_spaced", description="Initial means; the paper takes points evenly spaced in scan order."
+    )
+    n_init: int = Field(1, ge=1, description="Initialisations per scan; the one with the least MDL is kept.")
+    min_std: float | None = Field(
+        None, gt=0, description="Least standard deviation of a component, m; null: 1e-4 of the scan's extent."
+    )
+    precision: Literal["float64", "float32"] = Field("float64", description="Arithmetic of the EM iterations.")
+
+
+@dataclass(frozen=True)
+class FitPlan:
+    """One fit: its settings, its K_max (one for all, or one per pair) and its seed."""
+
+    settings: Fit
+    max_components: int | Sequence[int] = 20
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Models:
+    """The mixtures of P pairs; row p of each belongs to pair p."""
+
+    reference: FitResult
+    current: FitResult
+
+    def exchanged(self) -> Models:
+        """The same mixtures with the roles exchanged."""
+        return Models(reference=self.current, current=self.reference)
+
+
+def fit_independently(batch: PreparedPairs, plan: FitPlan) -> Models:
+    """Fit every scan on its own, as the paper does, all 2 P of them in one batch (Algorithm 1)."""
+    clouds = PointClouds.concatenate(
+        [_fitted_clouds(scans, plan.settings) for scans in (batch.reference, batch.current)]
+    )
+    max_components = plan.max_components
+    if not isinstance(max_components, int):
+        max_components = [*max_components, *max_components]
+    fits = gmmtorch.fit_mdl(
+        clouds,
+        max_components=max_components,
+        initializer=plan.settings.initializer,
+        n_init=plan.settings.n_init,
+        min_std=plan.settings.min_std,
+        seed=plan.seed,
+    )
+    pairs = len(batch)
+    return Models(reference=fits.select(range(pairs)), current=fits.select(range(pairs, 2 * pairs)))
+
+
+def _fitted_clouds(scans: PreparedScans, settings: Fit) -> PointClouds:
+    clouds = scans.cells if settings.moments == "spread" else scans.cells.centroids()
+    return clouds.to(dtype=torch.float32 if settings.precision == "float32" else torch.float64)
+
+
+__all__ = ["Fit", "FitPlan", "GaussianMixtures", "Models", "fit_independently"]

@@ -1,0 +1,106 @@
+"""Novel components that touch become objects, with an oriented box and their neighbours (section 2.4.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from novelty.result import ComponentRecord, ObjectRecord
+
+TOUCHING = 0.01
+"""Two components touch when they share at least this part of the smaller one's responsibilities."""
+
+ADJACENT = 0.001
+"""Two objects are neighbours when a component of one shares at least this part with a component of the other."""
+
+
+@dataclass(frozen=True, eq=False)
+class OrientedBox:
+    """A box: `center` (3,), `extent` (3,) longest edge first, `rotation` (3, 3) with the box's axes as columns."""
+
+    center: NDArray[np.float64]
+    extent: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+
+    @classmethod
+    def around(cls, points: NDArray[np.float64]) -> OrientedBox:
+        """The box of points (N, 3), N >= 1, along their principal axes."""
+        mean = points.mean(axis=0)
+        _, axes = np.linalg.eigh((points - mean).T @ (points - mean))
+        axes = axes[:, np.argsort(-np.ptp((points - mean) @ axes, axis=0), kind="stable")]
+        if np.linalg.det(axes) < 0:
+            axes[:, 2] = -axes[:, 2]
+        along = (points - mean) @ axes  # (N, 3)
+        middle = (along.min(axis=0) + along.max(axis=0)) / 2
+        return cls(center=mean + axes @ middle, extent=np.ptp(along, axis=0), rotation=axes)
+
+
+def group_objects(
+    points: NDArray[np.float64],
+    point_components: NDArray[np.int64],
+    novel_points: NDArray[np.bool_],
+    components: Sequence[ComponentRecord],
+    overlaps: NDArray[np.float64],
+    kind: str,
+) -> tuple[ObjectRecord, ...]:
+    """Group the novel components of one scan into objects, largest first.
+
+    Args:
+        points: (N, 3) points of the scan as given.
+        point_components: (N,) component of every point, -1 where not examined.
+        novel_points: (N,) True for novel points.
+        components: Every component of the scan's mixture.
+        overlaps: (K, K) shared responsibilities, see `SegmentedPoints.overlaps`.
+        kind: `added` or `removed`.
+    """
+    novel = np.array([record.index for record in components if record.novel], dtype=np.int64)
+    if not len(novel):
+        return ()
+    _, group_of = connected_components(overlaps[np.ix_(novel, novel)] >= TOUCHING, directed=False)
+    groups = [novel[group_of == group] for group in range(group_of.max() + 1)]
+    members = [np.isin(point_components, group) & novel_points for group in groups]
+    order = sorted((g for g in range(len(groups)) if members[g].any()), key=lambda g: -int(members[g].sum()))
+    kept = [groups[g] for g in order]
+    return tuple(
+        _record(index, points[members[g]], groups[g], components, _neighbours(index, kept, overlaps), kind)
+        for index, g in enumerate(order)
+    )
+
+
+def _neighbours(index: int, groups: list[NDArray[np.int64]], overlaps: NDArray[np.float64]) -> tuple[int, ...]:
+    own = groups[index]
+    return tuple(
+        other
+        for other, group in enumerate(groups)
+        if other != index and overlaps[np.ix_(own, group)].max() >= ADJACENT
+    )
+
+
+def _record(
+    index: int,
+    points: NDArray[np.float64],
+    group: NDArray[np.int64],
+    components: Sequence[ComponentRecord],
+    neighbours: tuple[int, ...],
+    kind: str,
+) -> ObjectRecord:
+    box = OrientedBox.around(points)
+    own = [record for record in components if record.index in group]
+    p_values = [record.p_value for record in own if not np.isnan(record.p_value)]
+    return ObjectRecord(
+        index=index,
+        kind=kind,
+        components=tuple(int(k) for k in group),
+        neighbours=neighbours,
+        num_points=len(points),
+        centroid=points.mean(axis=0),
+        extent=box.extent,
+        rotation=box.rotation,
+        center=box.center,
+        score=max(record.score for record in own),
+        p_value=min(1.0, len(p_values) * min(p_values)) if p_values else float("nan"),
+    )

@@ -1,0 +1,122 @@
+"""The paper's block diagram (Fig. 1) over a batch of pairs: preprocess, fit, compare, segment.
+
+`detect` is the batch of one. In a batch a pair that has no answer is reported in its place and the others go on.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from novelty.assembly import PairOutcome, assemble
+from novelty.config import Config
+from novelty.errors import InputError
+from novelty.fitting import FitPlan
+from novelty.preprocess import PreparedPairs, check_scan, prepare
+from novelty.result import Change, NoveltyResult, ResultStatus
+from novelty.scan import ScanPair
+from novelty.segment import segment_points
+
+
+def detect(pair: ScanPair, config: Config | None = None) -> NoveltyResult:
+    """Find what is new and what is gone between the two scans of a pair.
+
+    Args:
+        pair: Two scans in one coordinate frame.
+        config: Settings; the defaults need no tuning.
+
+    Returns:
+        The labels of every point of both scans, in the order given, and the components and objects behind them.
+
+    Raises:
+        InputError: A scan has no answer: no points, no finite point, or all points identical.
+    """
+    result = detect_many([pair], config)[0]
+    if result.status is ResultStatus.FAILED:
+        raise InputError(result.message)
+    return result
+
+
+def detect_many(pairs: Sequence[ScanPair], config: Config | None = None) -> list[NoveltyResult]:
+    """Find what is new and what is gone in every pair: the answers of `detect`, computed in one batch.
+
+    A pair whose scans have no answer gets a result of status `failed` in its place; the others are not touched.
+    """
+    config = config or Config()
+    failures = [_failure(pair) for pair in pairs]
+    usable = [pair for pair, failure in zip(pairs, failures, strict=True) if failure is None]
+    results = iter(_detect_usable(usable, config) if usable else [])
+    return [
+        next(results) if failure is None else _failed(pair, failure)
+        for pair, failure in zip(pairs, failures, strict=True)
+    ]
+
+
+def _detect_usable(pairs: list[ScanPair], config: Config) -> list[NoveltyResult]:
+    clock = _Clock()
+    detector = config.chosen_detector
+    plan = FitPlan(settings=config.fit, max_components=config.max_components, seed=config.seed)
+
+    # Section 2.2: both scans of every pair, simplified, without outliers and ground.
+    with clock.stage("preprocess"):
+        batch = _prepare_pairs(pairs, config)
+    # Section 2.3: Gaussian mixtures, their order chosen by MDL (Algorithm 1).
+    with clock.stage("fit"):
+        models = detector.fit(batch, plan)
+    # Section 2.4: which components have no counterpart in the other mixture.
+    with clock.stage("compare"):
+        comparison = detector.compare(batch, models)
+    # Algorithm 2, line 10: the points of those components.
+    with clock.stage("segment"):
+        added = segment_points(batch.current.points, models.current.mixtures, comparison.added, config.segment)
+        removed = segment_points(
+            batch.reference.points, models.reference.mixtures, comparison.removed, config.segment
+        )
+        outcomes = PairOutcome(batch, models, comparison, added, removed)
+        return assemble(pairs, outcomes, config.unit, clock.seconds)
+
+
+def _prepare_pairs(pairs: list[ScanPair], config: Config) -> PreparedPairs:
+    scans = [pair.reference for pair in pairs] + [pair.current for pair in pairs]
+    prepared = prepare(scans, config.preprocess, config.unit)
+    middle = len(pairs)
+    return PreparedPairs(
+        reference=prepared.select(range(middle)), current=prepared.select(range(middle, 2 * middle))
+    )
+
+
+def _failure(pair: ScanPair) -> str | None:
+    try:
+        check_scan(pair.reference)
+        check_scan(pair.current)
+    except InputError as error:
+        return str(error)
+    return None
+
+
+def _failed(pair: ScanPair, reason: str) -> NoveltyResult:
+    return NoveltyResult(
+        name=pair.name,
+        changed=False,
+        p_value=float("nan"),
+        distance=float("nan"),
+        status=ResultStatus.FAILED,
+        message=reason,
+        timings={},
+        added=Change.not_examined(pair.current.num_points),
+        removed=Change.not_examined(pair.reference.num_points),
+    )
+
+
+class _Clock:
+    """Wall seconds per stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - start

@@ -1,0 +1,157 @@
+"""The answer: what is new, what is gone, point by point, component by component, object by object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class PointState(IntEnum):
+    """What became of a point; a point is labelled novel exactly in the states NOVEL and MOVED."""
+
+    UNCHANGED = 0
+    NOVEL = 1
+    OCCLUDED = 2
+    UNOBSERVED = 3
+    MOVED = 4
+    NOT_EXAMINED = 255
+
+
+class ResultStatus(StrEnum):
+    """How far an answer can be trusted; `NoveltyResult.message` says why."""
+
+    OK = "ok"
+    NOTED = "noted"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, eq=False)
+class ComponentRecord:
+    """One component of a scan's mixture and what the detector made of it; lengths in metres.
+
+    Attributes:
+        index: Its row in the mixture.
+        weight: pi_k.
+        mean: (3,).
+        covariance: (3, 3).
+        num_points: Examined points whose most probable component it is.
+        novel: Whether it has no counterpart in the other scan.
+        score: Higher = more novel.
+        p_value: NaN where the detector has no null distribution.
+        match: Component of the other mixture that explains it, -1 none.
+        distance: Ground distance to that match, NaN without one.
+        reason: One sentence.
+    """
+
+    index: int
+    weight: float
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    num_points: int
+    novel: bool
+    score: float
+    p_value: float
+    match: int
+    distance: float
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectRecord:
+    """Neighbouring novel components seen as one object; lengths in the unit of the scan as given.
+
+    Attributes:
+        index: Its place in `Change.objects`.
+        kind: `added` or `removed`.
+        components: Rows of its components in the mixture.
+        neighbours: Other objects that share responsibilities with it (section 2.4.1), by index.
+        num_points: Points of the scan that belong to it.
+        centroid: (3,).
+        extent: (3,) edge lengths of its oriented box, longest first.
+        rotation: (3, 3), the columns are the box's axes.
+        center: (3,) centre of the box.
+        score: Highest score of its components.
+        p_value: Least p-value of its components, NaN where the detector has none.
+    """
+
+    index: int
+    kind: str
+    components: tuple[int, ...]
+    neighbours: tuple[int, ...]
+    num_points: int
+    centroid: NDArray[np.float64]
+    extent: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    center: NDArray[np.float64]
+    score: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """One direction of the answer for one scan: `added` labels the current scan, `removed` the reference scan.
+
+    Arrays are in the order of the scan as given and have its length N.
+
+    Attributes:
+        point_labels: bool (N,), True for the states NOVEL and MOVED.
+        point_scores: float64 (N,), higher = more novel; NaN where not examined.
+        point_states: uint8 (N,), see `PointState`.
+        point_components: int64 (N,), most probable component, -1 where not examined.
+        components: All components of the scan's mixture.
+        objects: The novel ones, grouped.
+    """
+
+    point_labels: NDArray[np.bool_]
+    point_scores: NDArray[np.float64]
+    point_states: NDArray[np.uint8]
+    point_components: NDArray[np.int64]
+    components: tuple[ComponentRecord, ...]
+    objects: tuple[ObjectRecord, ...]
+
+    @classmethod
+    def not_examined(cls, num_points: int) -> Change:
+        """The change of a scan about which nothing can be said."""
+        return cls(
+            point_labels=np.zeros(num_points, dtype=bool),
+            point_scores=np.full(num_points, np.nan),
+            point_states=np.full(num_points, PointState.NOT_EXAMINED, dtype=np.uint8),
+            point_components=np.full(num_points, -1, dtype=np.int64),
+            components=(),
+            objects=(),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class NoveltyResult:
+    """What changed between the two scans of one pair.
+
+    Attributes:
+        name: The pair's name.
+        changed: Whether anything changed at all.
+        p_value: Probability of the evidence if nothing had changed; NaN where the detector has none.
+        distance: Distance between the two mixtures (eq. 8); NaN where the detector has none.
+        status: Whether the answer stands, stands with notes, or could not be given.
+        message: The notes, or the reason of the failure; empty when there is nothing to say.
+        timings: Seconds per stage; of a batch, the batch's time divided by its number of pairs.
+        registration: What registration did to the poses; None where it was not asked for.
+        added: Labels of the current scan.
+        removed: Labels of the reference scan.
+        details: Figures of the run that reports show: points dropped, MDL and its path per scan.
+    """
+
+    name: str
+    changed: bool
+    p_value: float
+    distance: float
+    status: ResultStatus
+    message: str
+    timings: dict[str, float]
+    added: Change
+    removed: Change
+    registration: dict[str, Any] | None = None
+    details: dict[str, Any] = field(default_factory=dict)

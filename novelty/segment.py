@@ -1,0 +1,81 @@
+"""From novel components to novel points: ChoosePtsfromGaussian of Algorithm 2, over all pairs at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from pydantic import Field
+
+from gmmtorch import GaussianMixtures, PointClouds
+from novelty.detectors import ComponentNovelty
+from novelty.section import section
+
+
+@section
+class Segment:
+    """How points follow the components (ChoosePtsfromGaussian)."""
+
+    rule: Literal["map", "posterior"] = Field(
+        "map",
+        description="A point is novel when its most probable component is (map), or when the posterior of a novel "
+        "component exceeds `posterior_threshold` (posterior).",
+    )
+    posterior_threshold: float = Field(0.5, ge=0, lt=1, description="Threshold of the rule `posterior`.")
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentedPoints:
+    """The examined points of B scans, packed as in the clouds they came from.
+
+    Attributes:
+        labels: bool (N,), True for a novel point.
+        scores: float64 (N,), higher = more novel.
+        components: int64 (N,), argmax_k of the responsibilities; -1 where the mixture is empty.
+        overlaps: float64 (B, K, K), sum_n r_nk r_nl / min(sum_n r_nk, sum_n r_nl): what two components share.
+        counts: int64 (B, K), points whose most probable component is k.
+    """
+
+    labels: torch.Tensor
+    scores: torch.Tensor
+    components: torch.Tensor
+    overlaps: torch.Tensor
+    counts: torch.Tensor
+
+
+def segment_points(
+    points: PointClouds, mixtures: GaussianMixtures, novelty: ComponentNovelty, settings: Segment
+) -> SegmentedPoints:
+    """Label every examined point by the component it belongs to (ChoosePtsfromGaussian, Algorithm 2, line 10)."""
+    responsibilities = mixtures.responsibilities(points)  # (N, K)
+    components = responsibilities.argmax(dim=1)
+    owner = points.cloud_index  # (N,)
+    if settings.rule == "map":
+        labels = novelty.novel[owner, components]
+    else:
+        above = responsibilities > settings.posterior_threshold
+        labels = (above & novelty.novel[owner]).any(dim=1)
+    scores = novelty.point_scores
+    if scores is None:
+        scores = novelty.scores[owner, components]
+    return SegmentedPoints(
+        labels=labels,
+        scores=scores,
+        components=components,
+        overlaps=_overlaps(points, responsibilities),
+        counts=_counts(owner, components, mixtures),
+    )
+
+
+def _overlaps(points: PointClouds, responsibilities: torch.Tensor) -> torch.Tensor:
+    shared = torch.stack([piece.T @ piece for piece in points.split(responsibilities)])  # (B, K, K)
+    mass = torch.stack([piece.sum(dim=0) for piece in points.split(responsibilities)])  # (B, K)
+    least = torch.minimum(mass[:, :, None], mass[:, None, :])
+    return torch.where(least > 0, shared / least, torch.zeros_like(shared))
+
+
+def _counts(owner: torch.Tensor, components: torch.Tensor, mixtures: GaussianMixtures) -> torch.Tensor:
+    batch_size, num_components = mixtures.weights.shape
+    flat = torch.bincount(owner * num_components + components, minlength=batch_size * num_components)
+    return flat.reshape(batch_size, num_components)
