@@ -1,0 +1,5 @@
+"""The command line `novelty`."""
+
+from novelty.cli.app import main
+
+__all__ = ["main"]

@@ -1,0 +1,61 @@
+"""The commands of `novelty`, and what an error of theirs looks like to a person.
+
+Only typer and rich are imported here and at the top of the commands' files, so that `novelty --help` answers
+at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from novelty import __version__
+from novelty.cli.doctor import doctor
+from novelty.cli.terminal import complain
+from novelty.errors import NoveltyError
+
+BAD_INPUT = 2
+"""Exit code of a wrong call, a wrong configuration and an input that cannot be used."""
+
+app = typer.Typer(
+    name="novelty",
+    help="What is new and what is gone between two laser scans of one place.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+for command in (doctor,):
+    app.command()(command)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"novelty {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options_of_every_command(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and stop."),
+    ] = False,
+) -> None:
+    pass
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; `arguments` default to those of the process.
+
+    Raises:
+        SystemExit: Always, with the exit code.
+    """
+    try:
+        app(args=arguments)
+    except NoveltyError as error:
+        complain(str(error))
+        raise SystemExit(BAD_INPUT) from None
