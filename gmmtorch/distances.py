@@ -1,18 +1,18 @@
 """Distances between the components of two mixtures, for every pair of components of a whole batch at once.
 
-Everything rests on one small matrix per pair of components. With the Cholesky factors A = L_a L_a^T and
-B = L_b L_b^T, the *relative factor* G = L_b^-1 L_a has singular values sqrt(lambda_k(A, B)), the roots of the
-generalised eigenvalues. G is lower triangular, so for D = 3 it has six entries, written out below as six tensors
-(B, K_a, K_b): no `eigh`, no (B, K_a, K_b, 3, 3) solve, and nothing that synchronises with a device.
+Everything rests on one small matrix per pair of components. With the Cholesky factors A = L_a L_a^T and B =
+L_b L_b^T, the squared singular values of the *relative factor* G = L_b^-1 L_a are the generalised
+eigenvalues lambda_k(A, B). G is lower triangular, so for D = 3 it has six entries, written out below as six
+tensors (B, K_a, K_b): no `eigh`, no (B, K_a, K_b, 3, 3) solve, and nothing that synchronises with a device.
 
-The roots that eq. 10 needs are found so that flat components (walls: condition 1e6 to 1e9) do no harm. A largest
-eigenvalue is accurate in closed form, a smallest one is not. Hence: the largest of (A, B), the largest of (B, A),
-which is one over the smallest of (A, B), and the middle one from the determinants. Where two roots coincide the
-closed form errs by sqrt(machine epsilon), but the middle root then errs by the opposite amount and the sum of squared
-logarithms is left unharmed.
+The roots that eq. 10 needs are found so that flat components (walls: condition 1e6 to 1e9) do no harm. A
+largest root is accurate in closed form, a smallest one is not. Hence: the largest of (A, B); the largest of
+(B, A), which is one over the smallest of (A, B); and the middle one from the determinants. Where two roots
+coincide the closed form errs by sqrt(machine epsilon), but the middle root then errs by the opposite
+amount, and the sum of squared logarithms is left unharmed.
 
-Everything is computed and returned in float64. A covariance that is not positive definite gives NaN in its row or
-column only.
+Everything is computed and returned in float64. A covariance that is not positive definite gives NaN in its
+row or column only.
 """
 
 import math
@@ -57,16 +57,15 @@ def covariance_distance(covariances_a: Tensor, covariances_b: Tensor) -> Tensor:
         covariances_b: covariances of the second mixtures (B, K_b, D, D).
 
     Returns:
-        Distances (B, K_a, K_b), a pure number; exactly 0 for equal matrices, NaN where one is not positive definite.
+        Distances (B, K_a, K_b), a pure number; exactly 0 for equal matrices, NaN where one is not positive
+        definite.
     """
     factors_a, factors_b = _cholesky(covariances_a), _cholesky(covariances_b)
     if covariances_a.shape[-1] == 3:
         distance = _covariance_distance_3(factors_a, factors_b)
     else:
-        log_roots = (
-            2 * torch.linalg.svdvals(_relative_factors(factors_a, factors_b)).log()
-        )  # (B, K_a, K_b, D)
-        distance = torch.linalg.vector_norm(log_roots, dim=-1)
+        roots = torch.linalg.svdvals(_relative_factors(factors_a, factors_b)).square()  # (B, K_a, K_b, D)
+        distance = torch.linalg.vector_norm(roots.log(), dim=-1)
     equal = (factors_a[:, :, None] == factors_b[:, None, :]).all(dim=(-2, -1))  # NaN is never equal
     return torch.where(equal, 0.0, distance)
 
@@ -81,8 +80,8 @@ def combined_distance(
         covariances_a: (B, K_a, D, D), m^2.
         means_b: (B, K_b, D), m.
         covariances_b: (B, K_b, D, D), m^2.
-        length_scale: the length, m, that weighs as much as one unit of d_Sigma. The paper compares metres with a
-            pure number, which is `length_scale=1`.
+        length_scale: the length, m, that weighs as much as one unit of d_Sigma. The paper compares metres
+            with a pure number, which is `length_scale=1`.
 
     Returns:
         Distances (B, K_a, K_b), a pure number.
@@ -97,7 +96,7 @@ def combined_distance(
 
 
 def bures_distance(means_a: Tensor, covariances_a: Tensor, means_b: Tensor, covariances_b: Tensor) -> Tensor:
-    """Bures-Wasserstein distance between every pair of components: the 2-Wasserstein distance of two Gaussians.
+    """Bures-Wasserstein distance (2-Wasserstein distance of two Gaussians) between every pair of components.
 
     d^2 = |mu_a - mu_b|^2 + tr A + tr B - 2 tr (A^1/2 B A^1/2)^1/2, whose last trace is the nuclear norm of
     L_a^T L_b. Its error is about 1e-8 sqrt(tr A + tr B) where the distance is nearly 0.
@@ -125,7 +124,7 @@ def bures_distance(means_a: Tensor, covariances_a: Tensor, means_b: Tensor, cova
 def symmetric_kl(means_a: Tensor, covariances_a: Tensor, means_b: Tensor, covariances_b: Tensor) -> Tensor:
     """Jeffreys divergence KL(a||b) + KL(b||a) between every pair of components.
 
-    1/2 [tr B^-1 A + tr A^-1 B - 2D + (mu_a - mu_b)^T (A^-1 + B^-1) (mu_a - mu_b)]; the log-determinants cancel.
+    1/2 [tr B^-1 A + tr A^-1 B - 2D + (mu_a - mu_b)^T (A^-1 + B^-1) (mu_a - mu_b)]: no determinants are left.
 
     Args:
         means_a: (B, K_a, D), m.
@@ -209,7 +208,7 @@ def _trace(matrices: Tensor) -> Tensor:
 
 
 def _covariance_distance_3(factors_a: Tensor, factors_b: Tensor) -> Tensor:
-    """Eq. 10 for D = 3: two largest roots in closed form, the middle one from the determinants (B, K_a, K_b)."""
+    """Eq. 10 for D = 3 (B, K_a, K_b): outer roots in closed form, the middle one from the determinants."""
     entries_a = _lower_entries(factors_a[:, :, None])
     entries_b = _lower_entries(factors_b[:, None, :])
     forward = _lower_product(_lower_entries(_inverse_lower(factors_b)[:, None, :]), entries_a)
@@ -254,12 +253,12 @@ def _gram(g: _Lower3) -> _Lower3:
 
 
 def _log_determinant(factor: _Lower3) -> Tensor:
-    """ln det(L L^T)."""
+    """Logarithm of det(L L^T)."""
     return 2 * (factor[0].log() + factor[2].log() + factor[5].log())
 
 
 def _largest_root(h: _Lower3) -> Tensor:
-    """Largest eigenvalue of symmetric positive definite 3 x 3 matrices, by the trigonometric formula (Smith 1961)."""
+    """Largest eigenvalue of symmetric 3 x 3 matrices, by the trigonometric formula (Smith 1961)."""
     h11, h21, h22, h31, h32, h33 = h
     centre = (h11 + h22 + h33) / 3
     d11, d22, d33 = h11 - centre, h22 - centre, h33 - centre
@@ -282,9 +281,7 @@ def _nuclear_norm_3(matrices: Tensor) -> Tensor:
     monotonically on the root from s = sqrt(3 p), which is never too small.
     """
     x, y, z = matrices.unbind(-2)
-    minors = torch.stack(
-        [torch.linalg.cross(x, y), torch.linalg.cross(y, z), torch.linalg.cross(z, x)], dim=-2
-    )
+    minors = torch.linalg.cross(torch.stack([x, y, z], dim=-2), torch.stack([y, z, x], dim=-2))
     p = matrices.square().sum(dim=(-2, -1))
     q = minors.square().sum(dim=(-2, -1))
     r = (minors[..., 0, :] * z).sum(dim=-1).abs()

@@ -146,7 +146,7 @@ def test_bures_distance_and_symmetric_kl_match_their_definitions(dimension: int,
     np.testing.assert_allclose(kl, pairwise(reference.symmetric_kl, mean_a, a, mean_b, b), rtol=tolerance)
 
 
-def test_bures_distance_of_singular_values_zero_apart_and_equal_gaussians():
+def test_bures_distance_of_flat_axis_aligned_gaussians():
     flat = torch.diag(torch.tensor([4.0, 1.0, 1e-12], dtype=torch.float64))[None, None]
     origin = torch.zeros(1, 1, 3, dtype=torch.float64)
     assert distances.bures_distance(origin, flat, origin, flat).item() < 1e-7
