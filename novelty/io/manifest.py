@@ -1,0 +1,198 @@
+"""`pairs.csv`: the list of scan pairs that an evaluation, a sweep or a calibration runs over.
+
+The columns are `name,reference,current`, optionally `reference_origin,current_origin` (where the sensor stood, as
+"x y z") and `unit`. Paths are relative to the file.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from novelty.errors import InputError, NoveltyError
+from novelty.io.reading import read_scan
+from novelty.scan import ScanPair
+
+REQUIRED_COLUMNS = ("name", "reference", "current")
+OPTIONAL_COLUMNS = ("reference_origin", "current_origin", "unit")
+COLUMNS = REQUIRED_COLUMNS + OPTIONAL_COLUMNS
+
+
+@dataclass(frozen=True)
+class PairEntry:
+    """One line of a manifest: where the scans of a pair are.
+
+    Attributes:
+        name: Unique in the manifest.
+        reference: File of the reference scan.
+        current: File of the current scan.
+        reference_origin: Where the sensor stood, (x, y, z); None takes what the file says.
+        current_origin: The same for the current scan.
+        unit: Unit of the coordinates; None when the manifest does not say.
+        source: The manifest and the line, for messages.
+    """
+
+    name: str
+    reference: Path
+    current: Path
+    reference_origin: tuple[float, float, float] | None = None
+    current_origin: tuple[float, float, float] | None = None
+    unit: str | None = None
+    source: str = ""
+
+    def load(self) -> ScanPair:
+        """Read both scans.
+
+        Raises:
+            InputError: A scan cannot be read; the message names the line of the manifest.
+            MissingDependencyError: A library that a format needs cannot be loaded.
+        """
+        try:
+            reference = read_scan(self.reference, self.reference_origin)
+            current = read_scan(self.current, self.current_origin)
+        except InputError as error:
+            raise InputError(f"{self.source}: {error}" if self.source else str(error)) from error
+        return ScanPair(reference, current, self.name)
+
+
+@dataclass(frozen=True)
+class FailedPair:
+    """A pair that could not be read, in its place among the others."""
+
+    name: str
+    error: NoveltyError
+
+
+def read_pairs(path: str | Path) -> tuple[PairEntry, ...]:
+    """Read a manifest and make sure, before any work begins, that every line of it can be used.
+
+    Raises:
+        InputError: The manifest or a scan it names is missing, or a line is damaged; the message names the line.
+    """
+    entries = []
+    for entry in _read_entries(Path(path)):
+        if isinstance(entry, FailedPair):
+            raise entry.error
+        entries.append(entry)
+    return tuple(entries)
+
+
+def load_pairs(path: str | Path) -> Iterator[ScanPair | FailedPair]:
+    """Load the pairs of a manifest one after the other; a bad one is reported in its place and the others follow.
+
+    Raises:
+        InputError: The manifest is missing, or its header is damaged, so that no line can be understood.
+    """
+    for entry in _read_entries(Path(path)):
+        yield entry if isinstance(entry, FailedPair) else _load(entry)
+
+
+def _load(entry: PairEntry) -> ScanPair | FailedPair:
+    try:
+        return entry.load()
+    except NoveltyError as error:
+        return FailedPair(entry.name, error)
+
+
+def _read_entries(path: Path) -> list[PairEntry | FailedPair]:
+    rows = _read_rows(path)
+    if not rows:
+        raise InputError(
+            f"{path}: the manifest is empty; its first line must be {','.join(REQUIRED_COLUMNS)}."
+        )
+    columns = [column.strip() for column in rows[0][1]]
+    _check_columns(columns, f"{path}, line {rows[0][0]}")
+    if len(rows) == 1:
+        raise InputError(f"{path}: the manifest lists no pairs.")
+    entries: list[PairEntry | FailedPair] = []
+    lines_of_names: dict[str, int] = {}
+    for line, fields in rows[1:]:
+        source = f"{path}, line {line}"
+        name = fields[columns.index("name")].strip() if len(fields) == len(columns) else ""
+        try:
+            _check_row(columns, fields, source)
+            if name in lines_of_names:
+                raise InputError(
+                    f"{source}: the name {name!r} is already used on line {lines_of_names[name]}."
+                )
+            lines_of_names[name] = line
+            entries.append(_entry(dict(zip(columns, fields, strict=True)), path.parent, source))
+        except InputError as error:
+            entries.append(FailedPair(name or f"line {line}", error))
+    return entries
+
+
+def _read_rows(path: Path) -> list[tuple[int, list[str]]]:
+    """The lines that are not blank, with their numbers, split into fields."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file, strict=True)
+            return [(reader.line_num, row) for row in reader if any(field.strip() for field in row)]
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such manifest.") from None
+    except OSError as error:
+        raise InputError(f"{path}: the manifest cannot be read: {error.strerror}.") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: expected a CSV file in UTF-8; {error}.") from None
+
+
+def _check_columns(columns: list[str], source: str) -> None:
+    if len(columns) == 1 and ";" in columns[0]:
+        raise InputError(f"{source}: columns must be separated by commas, found semicolons.")
+    for column in columns:
+        if column not in COLUMNS:
+            nearest = difflib.get_close_matches(column, COLUMNS, n=1)
+            advice = f"did you mean {nearest[0]!r}?" if nearest else f"known are {', '.join(COLUMNS)}."
+            raise InputError(f"{source}: the column {column!r} is not known; {advice}")
+    missing = [column for column in REQUIRED_COLUMNS if column not in columns]
+    if missing:
+        raise InputError(f"{source}: the column {missing[0]!r} is missing; found {', '.join(columns)}.")
+    if len(set(columns)) < len(columns):
+        raise InputError(f"{source}: a column is there twice; found {', '.join(columns)}.")
+
+
+def _check_row(columns: list[str], fields: list[str], source: str) -> None:
+    if len(fields) != len(columns):
+        raise InputError(
+            f"{source}: expected {len(columns)} fields ({', '.join(columns)}), found {len(fields)}. "
+            "Put a field that contains a comma in double quotes."
+        )
+    empty = [name for name in REQUIRED_COLUMNS if not fields[columns.index(name)].strip()]
+    if empty:
+        raise InputError(f"{source}: the field {empty[0]!r} is empty.")
+
+
+def _entry(row: dict[str, str], folder: Path, source: str) -> PairEntry:
+    values = {column: field.strip() for column, field in row.items()}
+    for column in ("reference", "current"):
+        if not (folder / values[column]).is_file():
+            raise InputError(
+                f"{source}: the {column} scan {values[column]!r} is not a file in {folder.resolve()}."
+            )
+    return PairEntry(
+        name=values["name"],
+        reference=folder / values["reference"],
+        current=folder / values["current"],
+        reference_origin=_origin(values.get("reference_origin", ""), "reference_origin", source),
+        current_origin=_origin(values.get("current_origin", ""), "current_origin", source),
+        unit=values.get("unit") or None,
+        source=source,
+    )
+
+
+def _origin(text: str, column: str, source: str) -> tuple[float, float, float] | None:
+    """Three finite numbers; an empty field is None."""
+    if not text:
+        return None
+    try:
+        x, y, z = (float(number) for number in text.split())
+    except ValueError:
+        raise InputError(f"{source}: {column} must be three numbers 'x y z'; found {text!r}.") from None
+    if not np.isfinite([x, y, z]).all():
+        raise InputError(f"{source}: {column} must be three finite numbers; found {text!r}.")
+    return x, y, z

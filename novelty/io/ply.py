@@ -1,0 +1,179 @@
+"""PLY (Turk's polygon file format): reading in numpy, writing with Open3D.
+
+Open3D returns uninitialised memory for the missing points of a truncated file and mixes up coordinates of
+different types; here the header says what must follow, and what does not follow is an error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from novelty.errors import InputError
+from novelty.io.atomic import replacing
+from novelty.io.columns import cut_short, no_points, scan_from_columns
+from novelty.io.open3d_library import load_open3d
+from novelty.io.text import read_table
+from novelty.scan import Scan
+
+NUMPY_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+}
+BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+WRITABLE_TYPES = tuple(np.dtype(name) for name in ("u1", "i1", "i2", "u2", "i4", "u4", "f4", "f8"))
+
+
+@dataclass
+class _Element:
+    """One element of the header, such as `vertex`: how many rows, and the fields of a row."""
+
+    name: str
+    count: int
+    fields: list[tuple[str, str]]
+    has_list: bool = False
+
+
+@dataclass(frozen=True)
+class _Header:
+    encoding: str
+    elements: tuple[_Element, ...]
+    num_bytes: int
+    num_lines: int
+
+
+def read_ply(path: Path) -> Scan:
+    """Read the vertices of a PLY file, ASCII or binary, and its ground truth from the property `label`.
+
+    Raises:
+        InputError: The header is not that of a PLY file with x, y and z per vertex, or the file is cut short.
+    """
+    content = path.read_bytes()
+    header = _parse_header(content, path)
+    before, vertex = _find_vertex(header, path)
+    if header.encoding == "ascii":
+        first_line = header.num_lines + 1 + sum(element.count for element in before)
+        table = read_table(path, first_line, vertex.count)
+        names = [name for name, _ in vertex.fields]
+        if table.shape[1] != len(names):
+            raise InputError(
+                f"{path}, line {first_line}: the header announces {len(names)} properties per vertex, "
+                f"found {table.shape[1]} numbers."
+            )
+        return scan_from_columns(dict(zip(names, table.T, strict=True)), path)
+    rows = _binary_rows(content, header, before, vertex, path)
+    return scan_from_columns({name: rows[name] for name, _ in vertex.fields}, path)
+
+
+def write_ply(path: str | Path, points: ArrayLike, **vertex_properties: ArrayLike) -> None:
+    """Write points and any number of scalars per point as a binary PLY file, all at once or not at all.
+
+    Coordinates are written in float32 where that loses nothing, otherwise in float64. NaN is kept.
+
+    Args:
+        path: The file; its folder is made where needed.
+        points: (N, 3).
+        vertex_properties: One array (N,) per property, of a type that PLY knows: bool (as uchar), integers of
+            8, 16 or 32 bits, float32 or float64.
+
+    Raises:
+        InputError: There is no point, a length differs, a type or a name cannot be written.
+        MissingDependencyError: Open3D cannot be loaded.
+    """
+    coordinates = np.asarray(points, dtype=np.float64)
+    if coordinates.ndim != 2 or coordinates.shape[1] != 3 or len(coordinates) == 0:
+        raise InputError(f"{path}: points must have shape (N, 3) with N > 0; got {coordinates.shape}.")
+    open3d = load_open3d()
+    cloud = open3d.t.geometry.PointCloud(open3d.core.Tensor(_narrowest(coordinates)))
+    for name, values in vertex_properties.items():
+        column = _writable(name, values, len(coordinates), path)
+        cloud.point[name] = open3d.core.Tensor(np.ascontiguousarray(column[:, None]))
+    with replacing(path) as temporary:
+        if not open3d.t.io.write_point_cloud(str(temporary), cloud, write_ascii=False):
+            raise InputError(f"{path}: Open3D could not write the file; check free space and permissions.")
+
+
+def _parse_header(content: bytes, path: Path) -> _Header:
+    if not content.startswith(b"ply"):
+        raise InputError(f"{path}: expected a PLY file, which begins with 'ply'; found {content[:12]!r}.")
+    end = content.find(b"end_header")
+    line_end = content.find(b"\n", end)
+    if end < 0 or line_end < 0:
+        raise InputError(f"{path}: the PLY header has no 'end_header'; the file is cut short or damaged.")
+    lines = content[:line_end].decode("latin-1").splitlines()
+    encoding, elements = "", []
+    for number, line in enumerate(lines, start=1):
+        try:
+            match line.split():
+                case ["format", name, _]:
+                    encoding = name
+                case ["element", name, count]:
+                    elements.append(_Element(name, int(count), []))
+                case ["property", "list", *_]:
+                    elements[-1].has_list = True
+                case ["property", kind, name]:
+                    elements[-1].fields.append((name, NUMPY_TYPES[kind]))
+        except (ValueError, IndexError, KeyError):
+            raise InputError(
+                f"{path}, line {number}: {line.strip()!r} has no place in a PLY header."
+            ) from None
+    if encoding not in BYTE_ORDERS:
+        raise InputError(f"{path}: the format must be one of {', '.join(BYTE_ORDERS)}; found {encoding!r}.")
+    return _Header(encoding, tuple(elements), line_end + 1, len(lines))
+
+
+def _find_vertex(header: _Header, path: Path) -> tuple[tuple[_Element, ...], _Element]:
+    """Return the elements before `vertex`, whose size must be known, and `vertex` itself."""
+    names = [element.name for element in header.elements]
+    if "vertex" not in names:
+        raise InputError(f"{path}: the PLY file has no element 'vertex'; found {', '.join(names) or 'none'}.")
+    place = names.index("vertex")
+    before, vertex = header.elements[:place], header.elements[place]
+    if vertex.has_list or (header.encoding != "ascii" and any(element.has_list for element in before)):
+        raise InputError(
+            f"{path}: list properties in or before the element 'vertex' are not supported; "
+            "save the points alone, for example with CloudCompare."
+        )
+    if vertex.count == 0:
+        raise no_points(path)
+    return before, vertex
+
+
+def _binary_rows(
+    content: bytes, header: _Header, before: tuple[_Element, ...], vertex: _Element, path: Path
+) -> NDArray[np.void]:
+    order = BYTE_ORDERS[header.encoding]
+    offset = header.num_bytes + sum(element.count * _row_type(element, order).itemsize for element in before)
+    row_type = _row_type(vertex, order)
+    found = max(len(content) - offset, 0) // row_type.itemsize
+    if found < vertex.count:
+        raise cut_short(path, vertex.count, found)
+    return np.frombuffer(content, row_type, vertex.count, offset)
+
+
+def _row_type(element: _Element, order: str) -> np.dtype[np.void]:
+    return np.dtype([(name, order + kind) for name, kind in element.fields])
+
+
+def _narrowest(points: NDArray[np.float64]) -> NDArray[np.floating]:
+    with np.errstate(over="ignore"):
+        narrow = points.astype(np.float32)
+    return narrow if np.array_equal(narrow, points, equal_nan=True) else points
+
+
+def _writable(name: str, values: ArrayLike, num_points: int, path: str | Path) -> NDArray[np.generic]:
+    column = np.asarray(values)
+    if column.dtype == bool:
+        column = column.astype(np.uint8)
+    if column.shape != (num_points,):
+        raise InputError(f"{path}: property {name!r} must have shape ({num_points},); got {column.shape}.")
+    if column.dtype not in WRITABLE_TYPES:
+        known = ", ".join(kind.name for kind in WRITABLE_TYPES)
+        raise InputError(f"{path}: property {name!r} has type {column.dtype}; PLY knows bool, {known}.")
+    if name in {"positions", "normals", "colors", "x", "y", "z"}:
+        raise InputError(f"{path}: a property cannot be called {name!r}, which PLY uses itself.")
+    return column
