@@ -1,0 +1,60 @@
+"""Simulated scans of changing buildings, with exact ground truth.
+
+>>> from novelty.simulation import demo_pair
+>>> pair = demo_pair(seed=0)
+>>> pair.current.num_points > 50_000
+True
+"""
+
+from novelty.simulation.changes import CHANGES, apply_changes
+from novelty.simulation.measure import Measurement, measure, simulate
+from novelty.simulation.meshes import Mesh, join, load_mesh
+from novelty.simulation.pairs import (
+    PairOptions,
+    SimulatedPair,
+    corridor_pair,
+    demo_pair,
+    office_pair,
+    pair_up,
+    room_pair,
+    simulate_pair,
+)
+from novelty.simulation.poses import make_pose
+from novelty.simulation.raycast import RayScene
+from novelty.simulation.scenes import SCENES, Scene, make_scene
+from novelty.simulation.sensors import SENSORS, Sensor, get_sensor
+from novelty.simulation.truth import Truth, find_truth
+from novelty.simulation.world import Body, BodyState, World, compare_worlds
+
+__all__ = [
+    "CHANGES",
+    "SCENES",
+    "SENSORS",
+    "Body",
+    "BodyState",
+    "Measurement",
+    "Mesh",
+    "PairOptions",
+    "RayScene",
+    "Scene",
+    "Sensor",
+    "SimulatedPair",
+    "Truth",
+    "World",
+    "apply_changes",
+    "compare_worlds",
+    "corridor_pair",
+    "demo_pair",
+    "find_truth",
+    "get_sensor",
+    "join",
+    "load_mesh",
+    "make_pose",
+    "make_scene",
+    "measure",
+    "office_pair",
+    "pair_up",
+    "room_pair",
+    "simulate",
+    "simulate_pair",
+]

@@ -1,0 +1,135 @@
+"""What may happen to a scene between two scans: things appear, are moved or taken away, doors open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from novelty.errors import InputError
+from novelty.simulation import furniture
+from novelty.simulation.meshes import Mesh
+from novelty.simulation.poses import FloatArray, make_pose
+from novelty.simulation.raycast import RayScene
+from novelty.simulation.scenes import Scene, ahead, footprints
+from novelty.simulation.world import World
+
+CLEARANCE = 0.08
+"""Free space kept round a new object, m."""
+
+Change = Callable[[Scene, World, np.random.Generator, float | None], World]
+"""Takes the scene, the world so far, a generator and the size of a new object (m, None: the usual one); gives the new world."""
+
+
+def add_person(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
+    """A person of height `size` (1.75 m) in a random pose on a free and visible spot."""
+    pose = str(rng.choice(list(furniture.PERSON_POSES)))
+    return _insert(scene, world, "person", furniture.person(pose, size or 1.75), rng)
+
+
+def add_box(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
+    """A packing box of height `size` (0.5 m) on a free and visible spot."""
+    return _insert(scene, world, "box", furniture.carton(size or 0.5), rng)
+
+
+def add_cylinder(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
+    """A drum of diameter `size` (0.45 m) on a free and visible spot."""
+    return _insert(scene, world, "cylinder", furniture.drum(size or 0.45), rng)
+
+
+def open_door(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
+    """The closed door nearest to what the sensor looks at is opened.
+
+    Raises:
+        InputError: All doors are open, or the scene has none.
+    """
+    closed = [name for name in scene.open_doors if world.bodies[name].pose is scene.world.bodies[name].pose]
+    if not closed:
+        raise InputError(f"The scene {scene.name!r} has no closed door left to open.")
+    focus = ahead(scene.viewpoint, 3.0)
+    nearest = min(closed, key=lambda name: float(np.linalg.norm(world.bodies[name].vertices.mean(axis=0) - focus)))
+    return world.move(nearest, scene.open_doors[nearest])
+
+
+def move_object(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
+    """A movable object goes to a free spot `size` metres at most from where it was (1.5 m), turned at random."""
+    name = _choose_movable(scene, world, rng)
+    body = world.bodies[name]
+    pose = _free_spot(scene, world.remove(name), body.mesh, rng, near=body.pose[:3, 3], reach=size or 1.5)
+    return world.move(name, pose)
+
+
+def remove_object(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
+    """A movable object is taken away."""
+    return world.remove(_choose_movable(scene, world, rng))
+
+
+CHANGES: dict[str, Change] = {
+    "person": add_person,
+    "box": add_box,
+    "cylinder": add_cylinder,
+    "door": open_door,
+    "move": move_object,
+    "remove": remove_object,
+}
+"""Changes by name."""
+
+
+def apply_changes(
+    scene: Scene, changes: tuple[str, ...], rng: np.random.Generator, size: float | None = None
+) -> World:
+    """The scene's world after changes, by their names in `CHANGES`.
+
+    Doors open first, so that nothing new stands in their way.
+
+    Raises:
+        InputError: There is no change of that name, or no room for it.
+    """
+    unknown = [name for name in changes if name not in CHANGES]
+    if unknown:
+        raise InputError(f"There is no change {unknown[0]!r}; choose from {', '.join(CHANGES)}.")
+    world = scene.world
+    for name in sorted(changes, key=lambda change: change != "door"):
+        world = CHANGES[name](scene, world, rng, size)
+    return world
+
+
+def _insert(scene: Scene, world: World, name: str, mesh: Mesh, rng: np.random.Generator) -> World:
+    number = 1 + sum(other.split(" ")[0] == name for other in world.bodies)
+    pose = _free_spot(scene, world, mesh, rng, near=ahead(scene.viewpoint, 2.8), reach=2.2)
+    return world.add(f"{name} {number}", mesh, pose)
+
+
+def _choose_movable(scene: Scene, world: World, rng: np.random.Generator) -> str:
+    """A movable object that has not moved yet and that stands on the floor, at random."""
+    names = [
+        name
+        for name in scene.movable
+        if name in world.bodies and world.bodies[name].pose is scene.world.bodies[name].pose
+        and abs(world.bodies[name].pose[2, 3]) < 0.01
+    ]  # fmt: skip
+    if not names:
+        raise InputError(f"The scene {scene.name!r} has nothing left that can be moved or taken away.")
+    return str(rng.choice(names))
+
+
+def _free_spot(
+    scene: Scene, world: World, mesh: Mesh, rng: np.random.Generator, near: FloatArray, reach: float
+) -> FloatArray:
+    """A pose (4, 4) on the floor, within `reach` of `near`, that touches nothing and is seen from the viewpoint."""
+    radius = float(np.linalg.norm(mesh.vertices[:, :2], axis=1).max()) + CLEARANCE
+    low = np.maximum(scene.floor[0] + radius - CLEARANCE, near[:2] - reach)
+    high = np.minimum(scene.floor[1] - radius + CLEARANCE, near[:2] + reach)
+    if (low >= high).any():
+        raise InputError(f"The floor of the scene {scene.name!r} is too narrow for an object of radius {radius:.2f} m.")
+    spots = rng.uniform(low, high, (400, 2))
+    rectangles = footprints(world, scene.floor)
+    nearest = np.clip(spots[:, None], rectangles[None, :, 0], rectangles[None, :, 1])  # (spots, objects, 2)
+    gap = np.linalg.norm(nearest - spots[:, None], axis=2).min(axis=1)
+    far_enough = np.linalg.norm(spots - scene.viewpoint[:2, 3], axis=1) > radius + 0.7
+    spots = spots[(gap > radius) & far_enough]
+    middle = np.column_stack([spots, np.full(len(spots), mesh.vertices[:, 2].max() / 2)])
+    visible = spots[RayScene(world).sees(scene.viewpoint[:3, 3], middle)] if len(spots) else spots
+    if not len(visible):
+        raise InputError(f"No free and visible spot for a new object in the scene {scene.name!r}; use a smaller one.")
+    return make_pose((*visible[0], 0.0), yaw=rng.uniform(-180, 180))

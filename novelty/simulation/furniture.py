@@ -1,0 +1,199 @@
+"""Things that stand in buildings, and people. Each mesh stands on z = 0 at the origin and faces +x. Lengths in metres."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from novelty.errors import InputError
+from novelty.simulation.meshes import Mesh, join
+from novelty.simulation.poses import make_pose
+from novelty.simulation.shapes import block, box, capsule, cylinder, pipe, sphere
+
+Point = tuple[float, float, float]
+
+PERSON_POSES: dict[str, dict[str, tuple[Point, ...]]] = {
+    "standing": {
+        "left leg": ((0.0, 0.10, 0.06), (0.01, 0.10, 0.48), (0.0, 0.09, 0.90)),
+        "right leg": ((0.0, -0.10, 0.06), (0.01, -0.10, 0.48), (0.0, -0.09, 0.90)),
+        "left arm": ((0.0, 0.21, 1.40), (-0.02, 0.26, 1.12), (0.06, 0.26, 0.86)),
+        "right arm": ((0.0, -0.21, 1.40), (-0.02, -0.26, 1.12), (0.06, -0.26, 0.86)),
+    },
+    "walking": {
+        "left leg": ((0.34, 0.09, 0.06), (0.24, 0.09, 0.50), (0.0, 0.09, 0.90)),
+        "right leg": ((-0.38, -0.09, 0.10), (-0.06, -0.09, 0.48), (0.0, -0.09, 0.90)),
+        "left arm": ((0.0, 0.21, 1.40), (-0.16, 0.25, 1.14), (-0.12, 0.25, 0.88)),
+        "right arm": ((0.0, -0.21, 1.40), (0.12, -0.25, 1.14), (0.32, -0.23, 1.00)),
+    },
+    "pointing": {
+        "left leg": ((0.0, 0.12, 0.06), (0.01, 0.12, 0.48), (0.0, 0.09, 0.90)),
+        "right leg": ((0.05, -0.12, 0.06), (0.03, -0.12, 0.48), (0.0, -0.09, 0.90)),
+        "left arm": ((0.0, 0.21, 1.40), (-0.02, 0.26, 1.12), (0.06, 0.26, 0.86)),
+        "right arm": ((0.0, -0.21, 1.40), (0.24, -0.28, 1.38), (0.50, -0.32, 1.42)),
+    },
+}
+"""Joints of a person 1.75 m tall, per pose and limb: ankle, knee, hip; shoulder, elbow, wrist."""
+
+
+def person(pose: str = "standing", height: float = 1.75) -> Mesh:
+    """A person of tapered limbs, trunk, neck and head.
+
+    Raises:
+        InputError: There is no such pose in `PERSON_POSES`.
+    """
+    if pose not in PERSON_POSES:
+        raise InputError(f"A person cannot be {pose!r}; choose one of {', '.join(PERSON_POSES)}.")
+    parts = [_trunk(), capsule((0, 0, 1.46), (0.02, 0, 1.56), 0.055), _head()]
+    for limb, (first, joint, last) in PERSON_POSES[pose].items():
+        thick = limb.endswith("leg")
+        radii = (0.05, 0.065, 0.085) if thick else (0.055, 0.045, 0.035)
+        parts += [capsule(first, joint, radii[0], radii[1]), capsule(joint, last, radii[1], radii[2])]
+        parts.append(_foot(first) if thick else sphere(last, 0.045))
+    return join(parts).scaled(height / 1.75)
+
+
+def _trunk() -> Mesh:
+    chest = capsule((0, 0, 1.10), (0, 0, 1.34), 0.15, 0.16).scaled((0.72, 1.12, 1.0))
+    hips = capsule((0, 0, 0.93), (0, 0, 1.12), 0.15, 0.14).scaled((0.78, 1.08, 1.0))
+    return join([chest, hips])
+
+
+def _head() -> Mesh:
+    return sphere((0, 0, 0), 0.105).scaled((0.95, 0.78, 1.15)).moved(make_pose((0.03, 0, 1.63)))
+
+
+def _foot(ankle: Point) -> Mesh:
+    x, y, z = ankle
+    heel, toe = (x - 0.05, y, z - 0.02), (x + 0.16, y, z - 0.025)
+    return capsule(heel, toe, 0.04, 0.035)
+
+
+def table(length: float = 1.4, width: float = 0.7, height: float = 0.74) -> Mesh:
+    """A table with four legs."""
+    x, y = length / 2 - 0.06, width / 2 - 0.06
+    legs = [
+        box((sx * x - 0.025, sy * y - 0.025, 0), (sx * x + 0.025, sy * y + 0.025, height - 0.03))
+        for sx in (-1, 1)
+        for sy in (-1, 1)
+    ]
+    return join([block(length, width, 0.03, height - 0.03), *legs])
+
+
+def chair(seat: float = 0.46) -> Mesh:
+    """A four-legged chair whose sitter looks to +x."""
+    legs = [
+        box((sx * 0.18 - 0.018, sy * 0.18 - 0.018, 0), (sx * 0.18 + 0.018, sy * 0.18 + 0.018, seat))
+        for sx in (-1, 1)
+        for sy in (-1, 1)
+    ]
+    back = box((-0.22, -0.2, seat + 0.12), (-0.19, 0.2, seat + 0.45))
+    posts = [box((-0.22, y - 0.015, seat), (-0.19, y + 0.015, seat + 0.12)) for y in (-0.17, 0.17)]
+    return join([block(0.44, 0.42, 0.04, seat), back, *posts, *legs])
+
+
+def office_chair() -> Mesh:
+    """A swivel chair on five feet."""
+    angles = 2 * np.pi * np.arange(5) / 5
+    feet = [pipe((0, 0, 0.09), (0.3 * np.cos(a), 0.3 * np.sin(a), 0.05), 0.025) for a in angles]
+    back = box((-0.27, -0.22, 0.58), (-0.21, 0.22, 1.05))
+    arms = [box((-0.15, y - 0.03, 0.66), (0.12, y + 0.03, 0.69)) for y in (-0.27, 0.27)]
+    column = [pipe((0, 0, 0.08), (0, 0, 0.46), 0.03), pipe((-0.2, 0, 0.5), (-0.24, 0, 0.65), 0.03)]
+    return join([block(0.48, 0.48, 0.07, 0.45), back, *arms, *column, *feet])
+
+
+def shelf(width: float = 1.0, depth: float = 0.32, height: float = 1.9, boards: int = 5, seed: int = 0) -> Mesh:
+    """An open shelf with books; it faces +x with its back at x = 0."""
+    rng = np.random.default_rng(seed)
+    sides = [box((0, y - 0.01, 0), (depth, y + 0.01, height)) for y in (-width / 2, width / 2)]
+    levels = np.linspace(0.05, height - 0.02, boards)
+    planks = [box((0, -width / 2, z), (depth, width / 2, z + 0.02)) for z in levels]
+    parts = [box((0, -width / 2, 0), (0.01, width / 2, height)), *sides, *planks]
+    for z in levels[:-1]:
+        parts += _books(width, depth, z + 0.02, rng)
+    return join(parts)
+
+
+def _books(width: float, depth: float, base: float, rng: np.random.Generator) -> list[Mesh]:
+    books, y = [], -width / 2 + 0.02
+    while y < width / 2 - 0.12:
+        thickness, tall, deep = rng.uniform(0.03, 0.09), rng.uniform(0.2, 0.32), rng.uniform(0.6, 0.9) * depth
+        if rng.random() < 0.8:
+            books.append(box((0.01, y, base), (deep, y + thickness, base + tall)))
+        y += thickness + 0.004
+    return books
+
+
+def cabinet(width: float = 0.9, depth: float = 0.45, height: float = 1.2) -> Mesh:
+    """A closed cabinet with two handles on a plinth; it faces +x with its back at x = 0."""
+    handles = [box((depth, y - 0.01, height * 0.5), (depth + 0.03, y + 0.01, height * 0.62)) for y in (-0.05, 0.05)]
+    plinth = box((0.02, -width / 2 + 0.02, 0), (depth - 0.03, width / 2 - 0.02, 0.08))
+    return join([box((0, -width / 2, 0.08), (depth, width / 2, height)), plinth, *handles])
+
+
+def bench(length: float = 1.5) -> Mesh:
+    """A bench along y on two slabs; its back is at x = 0."""
+    slabs = [box((0.06, y - 0.03, 0), (0.38, y + 0.03, 0.42)) for y in (-length / 2 + 0.2, length / 2 - 0.2)]
+    return join([box((0.02, -length / 2, 0.42), (0.42, length / 2, 0.46)), *slabs])
+
+
+def sofa(width: float = 1.8) -> Mesh:
+    """A sofa that faces +x with its back at x = 0."""
+    arms = [box((0, y - 0.1, 0.05), (0.85, y + 0.1, 0.6)) for y in (-width / 2 + 0.1, width / 2 - 0.1)]
+    return join(
+        [box((0.02, -width / 2, 0.05), (0.83, width / 2, 0.42)), box((0, -width / 2, 0.05), (0.22, width / 2, 0.82)), *arms]
+    )
+
+
+def monitor() -> Mesh:
+    """A computer screen on its foot; it faces +x."""
+    return join([block(0.2, 0.26, 0.015), box((-0.02, -0.03, 0), (0.0, 0.03, 0.2)), box((0, -0.28, 0.12), (0.03, 0.28, 0.46))])
+
+
+def plant(height: float = 1.2, seed: int = 0) -> Mesh:
+    """A pot with a bush of leaves."""
+    rng = np.random.default_rng(seed)
+    leaves = []
+    for _ in range(45):
+        angle, reach = rng.uniform(0, 2 * np.pi), rng.uniform(0.1, 0.34)
+        root = np.array([0, 0, rng.uniform(0.35, 0.6) * height])
+        tip = root + (reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.4) * height)
+        leaves.append(capsule(root, tip, 0.008, rng.uniform(0.02, 0.05), sides=8))
+    return join([cylinder(0.16, 0.34), *leaves])
+
+
+def waste_bin(radius: float = 0.15, height: float = 0.6) -> Mesh:
+    """A waste bin."""
+    return cylinder(radius, height)
+
+
+def radiator(length: float = 1.1, height: float = 0.6) -> Mesh:
+    """A ribbed radiator along y; its back is at x = 0."""
+    ribs = [
+        box((0.03, y, 0.12), (0.11, y + 0.035, 0.12 + height)) for y in np.arange(-length / 2, length / 2 - 0.03, 0.06)
+    ]
+    pipes = [pipe((0.07, -length / 2, z), (0.07, length / 2, z), 0.015) for z in (0.14, 0.1 + height)]
+    return join([*ribs, *pipes])
+
+
+def door_leaf(width: float = 0.9, height: float = 2.03, thickness: float = 0.04) -> Mesh:
+    """A door leaf along +x from its hinge at the origin, with handles on both sides; its front is y = 0, its body y > 0."""
+    handles = [
+        box((width - 0.17, y, 1.03), (width - 0.05, y + 0.025, 1.06)) for y in (-0.055, thickness + 0.03)
+    ] + [box((width - 0.07, -0.055, 1.035), (width - 0.05, thickness + 0.055, 1.055))]
+    return join([box((0, 0, 0.008), (width, thickness, height)), *handles])
+
+
+def door_frame(width: float = 0.9, height: float = 2.05, depth: float = 0.12) -> Mesh:
+    """The frame round a door opening that starts at the origin along +x; it stands 1 cm proud of a wall with y from 0 to `depth`."""
+    low, high = -0.01, depth + 0.01
+    posts = [box((-0.06, low, 0), (0.0, high, height + 0.06)), box((width, low, 0), (width + 0.06, high, height + 0.06))]
+    return join([*posts, box((0, low, height), (width, high, height + 0.06))])
+
+
+def carton(size: float = 0.5) -> Mesh:
+    """A packing box of about `size` m, a little longer than wide."""
+    return block(size * 1.15, size * 0.9, size)
+
+
+def drum(size: float = 0.5) -> Mesh:
+    """An upright cylinder of diameter `size` m, 1.8 times as tall."""
+    return cylinder(size / 2, 1.8 * size)

@@ -1,0 +1,153 @@
+"""One scan of a world: rays are cast, returns are lost, distances are read with the sensor's errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from novelty.scan import Scan
+from novelty.simulation.poses import FloatArray, as_pose, transform
+from novelty.simulation.raycast import Hits, RayScene
+from novelty.simulation.sensors import Sensor, get_sensor
+from novelty.simulation.world import World
+
+EDGE = 0.05
+"""Smallest step between the distances of neighbouring rays that can be a depth edge, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """A scan with everything that is known about it because it was simulated. N counts the returns.
+
+    Attributes:
+        scene: The world that was scanned.
+        sensor: What scanned it.
+        poses: (S, 4, 4), where the sensor really stood, one per sweep.
+        points: (N, 3), m, as the sensor reports them, in scan order.
+        origins: (N, 3), m, where each ray started.
+        surface: (N, 3), m, the point of the surface that each ray hit, without noise.
+        bodies: int32 (N,), the object that was hit, a position in `scene.names`.
+        mixed: bool (N,), whether the reading lies between two surfaces.
+    """
+
+    scene: RayScene
+    sensor: Sensor
+    poses: FloatArray
+    points: FloatArray
+    origins: FloatArray
+    surface: FloatArray
+    bodies: NDArray[np.int32]
+    mixed: NDArray[np.bool_]
+
+    def scan(self, labels: NDArray[np.uint8] | None = None, name: str = "") -> Scan:
+        """The scan that a detector is given."""
+        origin = self.origins if len(self.poses) > 1 else self.poses[0, :3, 3]
+        return Scan(self.points, origin=origin, labels=labels, name=name)
+
+
+def simulate(world: World, sensor: str | Sensor, pose: ArrayLike, seed: int = 0) -> Scan:
+    """Scan a world.
+
+    Args:
+        world: Any world: one of `novelty.simulation.scenes`, or own meshes (`World().add("hall", load_mesh("hall.obj"))`).
+        sensor: A sensor or its name in `SENSORS`.
+        pose: Where it stands: a position (3,) or a pose (4, 4); (S, 3) or (S, 4, 4) for several sweeps in one scan.
+        seed: Of noise and lost returns; the same seed gives the same scan.
+
+    Returns:
+        The scan in world coordinates, points in the order in which the sensor delivers them.
+    """
+    return measure(RayScene(world), get_sensor(sensor), as_poses(pose), np.random.default_rng(seed)).scan()
+
+
+def as_poses(value: ArrayLike) -> FloatArray:
+    """Poses (S, 4, 4) from one pose or position, or a sequence of them."""
+    array = np.asarray(value, dtype=np.float64)
+    single = array.shape in {(3,), (4, 4)}
+    return np.stack([as_pose(array)] if single else [as_pose(pose) for pose in array])
+
+
+def measure(scene: RayScene, sensor: Sensor, poses: FloatArray, rng: np.random.Generator) -> Measurement:
+    """Scan `scene` with one sweep at each of `poses` (S, 4, 4).
+
+    The readings are reported at the true poses; see `Measurement.points`.
+    """
+    local = sensor.pattern.directions()  # (lines, rays, 3)
+    directions = np.concatenate([local.reshape(-1, 3) @ pose[:3, :3].T.astype(np.float32) for pose in poses])
+    starts = np.repeat(poses[:, :3, 3], local.shape[0] * local.shape[1], axis=0)
+    hits = scene.cast(starts, directions)
+    returned = _returned(scene, sensor, poses, starts, directions, hits, rng)
+    read = _read(sensor, np.tile(local[..., 0].ravel(), len(poses)), hits.ranges, rng)
+    mixed = _mix(sensor, read, hits, (len(poses), *local.shape[:2]), rng)
+    kept = np.flatnonzero(returned)
+    origins, rays = starts[kept], directions[kept].astype(np.float64)
+    return Measurement(
+        scene, sensor, poses,
+        points=origins + rays * read[kept, None],
+        origins=origins,
+        surface=origins + rays * hits.ranges[kept, None],
+        bodies=hits.bodies[kept],
+        mixed=mixed[kept],
+    )  # fmt: skip
+
+
+def _returned(
+    scene: RayScene, sensor: Sensor, poses: FloatArray, starts: FloatArray, directions: NDArray[np.float32], hits: Hits,
+    rng: np.random.Generator,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Which rays come back: in range, not too grazing, reflected, lit, not lost."""
+    luck = rng.random(len(directions), dtype=np.float32)
+    chance = np.float32(1 - sensor.dropout) * np.append(scene.reflectivity, np.float32(0))[hits.bodies]
+    returned = (luck < chance) & (hits.ranges >= sensor.min_range) & (hits.ranges <= sensor.max_range)
+    returned &= hits.cosines >= sensor.min_cosine
+    if sensor.emitter is not None:
+        sweep = len(directions) // len(poses)
+        for index, pose in enumerate(poses):
+            rows = index * sweep + np.flatnonzero(returned[index * sweep : (index + 1) * sweep])
+            surface = starts[rows] + directions[rows] * hits.ranges[rows, None]
+            returned[rows] = scene.sees(transform(pose, sensor.emitter), surface)
+    return returned
+
+
+def _read(
+    sensor: Sensor, axis_cosines: NDArray[np.float32], ranges: NDArray[np.float32], rng: np.random.Generator
+) -> NDArray[np.float32]:
+    """Readings (N,), m; where a ray hits nothing, a number that nobody uses."""
+    finite = np.where(np.isfinite(ranges), ranges, np.float32(sensor.max_range))
+    return sensor.ranging.read(finite, axis_cosines, rng)
+
+
+def _mix(
+    sensor: Sensor, read: NDArray[np.float32], hits: Hits, grid: tuple[int, int, int], rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Let beams that straddle a depth edge answer from in between, changing `read`; which ones: (N,)."""
+    mixed = np.zeros(len(read), dtype=np.bool_)
+    if not sensor.mixed_pixels:
+        return mixed
+    first, stride = _edges(sensor, hits, grid)
+    chosen = first[rng.random(len(first)) < sensor.mixed_pixels]
+    share = rng.random(len(chosen), dtype=np.float32)
+    row = chosen + stride * (rng.random(len(chosen)) < 0.5)  # either side of the edge may be the one that straddles
+    read[row] = read[chosen] * (1 - share) + read[chosen + stride] * share
+    mixed[row] = True
+    return mixed
+
+
+def _edges(sensor: Sensor, hits: Hits, grid: tuple[int, int, int]) -> tuple[NDArray[np.intp], int]:
+    """Rays with a depth edge between them and the next, and how far away the next is in the order of delivery.
+
+    A slanted surface also makes neighbouring distances differ, by (range * angle / cosine of incidence): no edge.
+    """
+    axis = sensor.pattern.neighbour_axis + 1  # the first axis of the grid counts sweeps
+    stride = grid[2] if axis == 1 else 1
+    ranges = hits.ranges.reshape(grid)
+    with np.errstate(invalid="ignore"):  # inf - inf where neither ray hits anything
+        step = np.abs(np.diff(ranges, axis=axis))
+    place = np.argwhere((step > EDGE) & (step < np.inf))
+    first = np.ravel_multi_index(tuple(place.T), grid)
+    nearer = np.minimum(hits.ranges[first], hits.ranges[first + stride])
+    cosine = np.minimum(hits.cosines[first], hits.cosines[first + stride])
+    slant = 3 * nearer * sensor.pattern.neighbour_angle / np.maximum(cosine, 0.02)
+    return first[step[tuple(place.T)] > slant], stride

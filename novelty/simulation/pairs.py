@@ -1,0 +1,159 @@
+"""Pairs of simulated scans: one place before and after something changed, with ground truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from novelty.scan import Scan, ScanPair
+from novelty.simulation.changes import apply_changes
+from novelty.simulation.measure import Measurement, as_poses, measure
+from novelty.simulation.poses import FloatArray, random_motion, transform
+from novelty.simulation.raycast import RayScene
+from novelty.simulation.scenes import Scene, make_scene
+from novelty.simulation.sensors import Sensor, get_sensor
+from novelty.simulation.truth import Truth, find_truth
+from novelty.simulation.world import World
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedPair:
+    """A pair of scans with everything that is known about it.
+
+    Attributes:
+        scans: What a detector is given, with labels.
+        before: The world of the reference scan.
+        after: The world of the current scan.
+        reference: Truth of the reference scan's points.
+        current: Truth of the current scan's points.
+    """
+
+    scans: ScanPair
+    before: World
+    after: World
+    reference: Truth
+    current: Truth
+
+
+class PairOptions(TypedDict, total=False):
+    """Options common to all pairs.
+
+    Attributes:
+        sensor: A sensor or its name in `SENSORS`; `utm_30lx`.
+        noise: Standard deviation of constant range noise, m, instead of the sensor's own.
+        density: Factor on the number of rays; 1.
+        origins: Positions (3,) or poses (4, 4) of the sensor in the reference and in the current scan, each one or several;
+            the scene's viewpoint.
+        viewpoint_shift: How far the sensor moves sideways and ahead between the scans, m; 0.
+        pose_error: Wrong placement of the current scan: shift (m) and turn (degrees); (0, 0).
+        object_size: Of new objects, m (height of a person or box, diameter of a cylinder).
+    """
+
+    sensor: str | Sensor
+    noise: float | None
+    density: float
+    origins: tuple[ArrayLike, ArrayLike] | None
+    viewpoint_shift: float
+    pose_error: tuple[float, float]
+    object_size: float | None
+
+
+def demo_pair(seed: int = 0) -> ScanPair:
+    """The demonstration: a furnished corridor before and after a person, a box and an opened door appear, 1 cm noise."""
+    return corridor_pair(seed, noise=0.01)
+
+
+def corridor_pair(
+    seed: int = 0, changes: Sequence[str] = ("person", "box", "door"), **options: Unpack[PairOptions]
+) -> ScanPair:
+    """A corridor before and after `changes` (names in `CHANGES`; none: the same world measured twice)."""
+    return simulate_pair("corridor", seed, changes, **options).scans
+
+
+def room_pair(seed: int = 0, changes: Sequence[str] = ("person", "box"), **options: Unpack[PairOptions]) -> ScanPair:
+    """A living room before and after `changes` (names in `CHANGES`; none: the same world measured twice)."""
+    return simulate_pair("room", seed, changes, **options).scans
+
+
+def office_pair(
+    seed: int = 0, changes: Sequence[str] = ("person", "move"), **options: Unpack[PairOptions]
+) -> ScanPair:
+    """An office before and after `changes` (names in `CHANGES`; none: the same world measured twice)."""
+    return simulate_pair("office", seed, changes, **options).scans
+
+
+def simulate_pair(
+    scene: str | Scene, seed: int = 0, changes: Sequence[str] = (), **options: Unpack[PairOptions]
+) -> SimulatedPair:
+    """Scan a scene, change it, scan it again.
+
+    Args:
+        scene: A scene, or the name of a generator in `SCENES`, which is called with `seed`.
+        seed: The same seed gives the same bytes. Layout, changes, noise of either scan and pose error have streams of their own,
+            so that one option does not disturb the others.
+        changes: Names in `CHANGES`.
+        **options: See `PairOptions`.
+
+    Raises:
+        InputError: An unknown scene, sensor or change, or no room for a new object.
+    """
+    place = make_scene(scene, seed) if isinstance(scene, str) else scene
+    changing, moving, first, second, erring = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
+    after = apply_changes(place, tuple(changes), changing, options.get("object_size"))
+    sensor = _sensor(options)
+    poses = _poses(place, options, moving)
+    scenes = RayScene(place.world), RayScene(after)
+    reference = measure(scenes[0], sensor, poses[0], first)
+    current = measure(scenes[1], sensor, poses[1], second)
+    error = random_motion(*options.get("pose_error", (0.0, 0.0)), erring)
+    return pair_up(reference, current, f"{place.name}-{seed}", error)
+
+
+def pair_up(
+    reference: Measurement, current: Measurement, name: str = "", pose_error: FloatArray | None = None
+) -> SimulatedPair:
+    """Two measurements as a labelled pair.
+
+    Args:
+        reference: Scan of the world before.
+        current: Scan of the world after.
+        name: Of the pair.
+        pose_error: (4, 4) motion by which the current scan is misplaced, about its first sensor position; None for none.
+    """
+    truth = find_truth(reference, current)
+    scans = ScanPair(
+        reference.scan(truth[0].labels, f"{name} reference"),
+        _misplaced(current.scan(truth[1].labels, f"{name} current"), current.poses[0, :3, 3], pose_error),
+        name,
+    )
+    return SimulatedPair(scans, reference.scene.world, current.scene.world, *truth)
+
+
+def _sensor(options: PairOptions) -> Sensor:
+    sensor = get_sensor(options.get("sensor", "utm_30lx")).with_density(options.get("density", 1.0))
+    noise = options.get("noise")
+    return sensor if noise is None else sensor.with_noise(noise)
+
+
+def _poses(scene: Scene, options: PairOptions, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Poses (S, 4, 4) of the sensor in the reference and in the current scan."""
+    origins = options.get("origins")
+    angle = rng.uniform(-np.pi / 4, np.pi / 4)
+    if origins is not None:
+        return as_poses(origins[0]), as_poses(origins[1])
+    shifted = scene.viewpoint.copy()
+    shifted[:2, 3] += options.get("viewpoint_shift", 0.0) * np.array([np.cos(angle), np.sin(angle)])
+    shifted[:2, 3] = np.clip(shifted[:2, 3], *scene.floor)
+    return scene.viewpoint[None], shifted[None]
+
+
+def _misplaced(scan: Scan, centre: FloatArray, motion: FloatArray | None) -> Scan:
+    if motion is None or scan.origin is None:
+        return scan
+    about = motion.copy()
+    about[:3, 3] += centre - motion[:3, :3] @ centre
+    return Scan(transform(about, scan.points), transform(about, scan.origin), scan.labels, scan.name)

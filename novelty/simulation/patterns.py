@@ -1,0 +1,220 @@
+"""Where a sensor's rays go: directions in the sensor's frame (x forward, y left, z up), in the order of delivery."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class RayPattern(ABC):
+    """The rays of one sweep as a grid (lines, rays).
+
+    Attributes:
+        neighbour_axis: Axis of the grid along which beams are close enough to overlap.
+    """
+
+    neighbour_axis: ClassVar[int] = 1
+
+    @property
+    @abstractmethod
+    def neighbour_angle(self) -> float:
+        """Angle between two rays next to each other along that axis, radians."""
+
+    @abstractmethod
+    def directions(self) -> NDArray[np.float32]:
+        """Unit vectors (lines, rays, 3)."""
+
+    @abstractmethod
+    def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether each of `points` (N, 3), in the sensor's frame, lies in the field of view: (N,)."""
+
+    @abstractmethod
+    def thinned(self, density: float) -> RayPattern:
+        """The same field of view with about `density` times as many rays."""
+
+
+@dataclass(frozen=True)
+class TiltingLaser(RayPattern):
+    """A planar laser that sweeps about its z axis while a unit tilts it about y, one line per tilt angle.
+
+    Attributes:
+        field_of_view: Of the laser, degrees, symmetric about x.
+        step: Between two rays of a line, degrees.
+        tilt_from: First tilt, degrees, positive looks up.
+        tilt_to: Last tilt, degrees.
+        lines: Number of tilt angles.
+    """
+
+    field_of_view: float
+    step: float
+    tilt_from: float
+    tilt_to: float
+    lines: int
+
+    @property
+    def neighbour_angle(self) -> float:
+        """Radians."""
+        return float(np.radians(self.step))
+
+    def directions(self) -> NDArray[np.float32]:
+        """Unit vectors (lines, rays, 3)."""
+        rays = round(self.field_of_view / self.step) + 1
+        angle = np.radians(np.linspace(-self.field_of_view / 2, self.field_of_view / 2, rays))
+        tilt = np.radians(np.linspace(self.tilt_from, self.tilt_to, self.lines))[:, None]
+        x, y = np.cos(angle), np.sin(angle)
+        return _stack(x * np.cos(tilt), y + 0 * tilt, x * np.sin(tilt))
+
+    def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether a line passes each point: the tilt comes from x and z, the angle within the line from y."""
+        x, y, z = points.T
+        tilt, radius = np.arctan2(z, x), np.hypot(x, z)
+        low, high = np.radians(sorted((self.tilt_from, self.tilt_to)))
+        half = np.radians(self.field_of_view / 2)
+        front = (low <= tilt) & (tilt <= high) & (np.abs(np.arctan2(y, radius)) <= half)
+        behind = np.arctan2(-z, -x)  # rays beyond 90 degrees leave backwards, tilted the other way
+        back = (low <= behind) & (behind <= high) & (np.abs(np.arctan2(y, -radius)) <= half)
+        return front | back
+
+    def thinned(self, density: float) -> TiltingLaser:
+        """More or fewer tilt angles: the laser's own step is fixed."""
+        return _replace_lines(self, density)
+
+
+@dataclass(frozen=True)
+class RotatingLaser(RayPattern):
+    """A planar laser in a vertical plane that a motor turns about z, one line per yaw angle.
+
+    Attributes:
+        field_of_view: Of the laser, degrees, symmetric about x within the vertical plane.
+        step: Between two rays of a line, degrees.
+        turn: Of the motor, degrees; with more than 180 degrees of view half a turn covers everything.
+        lines: Number of yaw angles.
+    """
+
+    field_of_view: float
+    step: float
+    turn: float
+    lines: int
+
+    @property
+    def neighbour_angle(self) -> float:
+        """Radians."""
+        return float(np.radians(self.step))
+
+    def directions(self) -> NDArray[np.float32]:
+        """Unit vectors (lines, rays, 3)."""
+        rays = round(self.field_of_view / self.step) + 1
+        angle = np.radians(np.linspace(-self.field_of_view / 2, self.field_of_view / 2, rays))
+        yaw = np.radians(np.arange(self.lines) * self.turn / self.lines - self.turn / 2)[:, None]
+        x, z = np.cos(angle), np.sin(angle)
+        return _stack(x * np.cos(yaw), x * np.sin(yaw), z + 0 * yaw)
+
+    def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether a line passes each point, seen forwards or over the top of the laser."""
+        x, y, z = points.T
+        half_turn, half = np.radians(self.turn / 2), np.radians(self.field_of_view / 2)
+        radius = np.hypot(x, y)
+        front = (np.abs(np.arctan2(y, x)) <= half_turn) & (np.abs(np.arctan2(z, radius)) <= half)
+        back = (np.abs(np.arctan2(-y, -x)) <= half_turn) & (np.abs(np.arctan2(z, -radius)) <= half)
+        return front | back
+
+    def thinned(self, density: float) -> RotatingLaser:
+        """More or fewer yaw angles: the laser's own step is fixed."""
+        return _replace_lines(self, density)
+
+
+@dataclass(frozen=True)
+class SpinningBeams(RayPattern):
+    """A column of beams that spins about z; one line per azimuth, beams from the lowest to the highest.
+
+    Attributes:
+        lowest: Elevation of the lowest beam, degrees.
+        highest: Elevation of the highest beam, degrees.
+        beams: Number of beams, evenly spaced.
+        lines: Azimuths per turn.
+    """
+
+    lowest: float
+    highest: float
+    beams: int
+    lines: int
+
+    neighbour_axis: ClassVar[int] = 0
+
+    @property
+    def neighbour_angle(self) -> float:
+        """Radians."""
+        return float(2 * np.pi / self.lines)
+
+    def directions(self) -> NDArray[np.float32]:
+        """Unit vectors (lines, rays, 3)."""
+        elevation = np.radians(np.linspace(self.lowest, self.highest, self.beams))
+        azimuth = (2 * np.pi / self.lines * np.arange(self.lines))[:, None]
+        level = np.cos(elevation)
+        return _stack(level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation) + 0 * azimuth)
+
+    def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether each point lies between the lowest and the highest beam."""
+        elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
+        return (np.radians(self.lowest) <= elevation) & (elevation <= np.radians(self.highest))
+
+    def thinned(self, density: float) -> SpinningBeams:
+        """More or fewer azimuths: the number of beams is fixed."""
+        return _replace_lines(self, density)
+
+
+@dataclass(frozen=True)
+class PinholeCamera(RayPattern):
+    """A camera that looks along x; one line per image row, from the top left pixel.
+
+    Attributes:
+        width: Pixels.
+        height: Pixels.
+        focal_length: Pixels.
+    """
+
+    width: int
+    height: int
+    focal_length: float
+
+    @property
+    def neighbour_angle(self) -> float:
+        """Radians."""
+        return float(1 / self.focal_length)
+
+    def directions(self) -> NDArray[np.float32]:
+        """Unit vectors (lines, rays, 3)."""
+        y = ((self.width - 1) / 2 - np.arange(self.width)) / self.focal_length
+        z = (((self.height - 1) / 2 - np.arange(self.height)) / self.focal_length)[:, None]
+        norm = np.sqrt(1 + y**2 + z**2)
+        return _stack(1 / norm, y / norm, z / norm)
+
+    def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether each point is in front of the camera and inside the image."""
+        x, y, z = points.T
+        wide = np.abs(y) * self.focal_length <= x * self.width / 2
+        return (x > 0) & wide & (np.abs(z) * self.focal_length <= x * self.height / 2)
+
+    def thinned(self, density: float) -> PinholeCamera:
+        """More or fewer pixels in both directions, same angles."""
+        factor = np.sqrt(density)
+        return PinholeCamera(
+            max(2, round(self.width * factor)), max(2, round(self.height * factor)), self.focal_length * factor
+        )
+
+
+Lines = TypeVar("Lines", TiltingLaser, RotatingLaser, SpinningBeams)
+
+
+def _replace_lines(pattern: Lines, density: float) -> Lines:
+    return replace(pattern, lines=max(2, round(pattern.lines * density)))
+
+
+def _stack(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float32]:
+    result = np.empty((*x.shape, 3), dtype=np.float32)
+    result[..., 0], result[..., 1], result[..., 2] = x, y, z
+    return result

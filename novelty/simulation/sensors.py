@@ -1,0 +1,146 @@
+"""Range sensors: where their rays go, how they read a distance, which returns they lose.
+
+Figures come from the data sheets named below. What data sheets do not give (dropouts, mixed pixels, the steepest incidence)
+is set to moderate values and marked so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from novelty.errors import InputError
+from novelty.simulation.patterns import PinholeCamera, RayPattern, RotatingLaser, SpinningBeams, TiltingLaser
+from novelty.simulation.ranging import DisparityRanging, LaserRanging, Ranging
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A range sensor.
+
+    Attributes:
+        name: What results call it.
+        pattern: Its rays.
+        ranging: Its noise and quantisation.
+        min_range: Nearest return, m.
+        max_range: Farthest return, m.
+        dropout: Share of rays that are lost at random.
+        mixed_pixels: Share of the rays next to a depth edge that return a distance between both sides.
+        max_incidence: Angle between ray and surface normal beyond which nothing returns, degrees.
+        emitter: Where the light leaves, (3,) in the sensor's frame, m; surfaces it cannot reach return nothing.
+            None when it leaves where it is received.
+    """
+
+    name: str
+    pattern: RayPattern
+    ranging: Ranging
+    min_range: float
+    max_range: float
+    dropout: float = 0.0
+    mixed_pixels: float = 0.0
+    max_incidence: float = 87.0
+    emitter: tuple[float, float, float] | None = None
+
+    @property
+    def min_cosine(self) -> float:
+        """Cosine of `max_incidence`."""
+        return math.cos(math.radians(self.max_incidence))
+
+    def with_noise(self, std: float) -> Sensor:
+        """This sensor with constant Gaussian range noise of standard deviation `std`, m."""
+        return replace(self, ranging=self.ranging.with_noise(std))
+
+    def with_density(self, density: float) -> Sensor:
+        """This sensor with about `density` times as many rays in the same field of view."""
+        return replace(self, pattern=self.pattern.thinned(density))
+
+    def ideal(self) -> Sensor:
+        """This sensor without noise, dropouts and mixed pixels."""
+        exact = LaserRanging(0.0, quantum=0.0)
+        return replace(self, ranging=exact, dropout=0.0, mixed_pixels=0.0)
+
+
+def urg_04lx() -> Sensor:
+    """Hokuyo URG-04LX on a pan-tilt unit (Directed Perception PTU-D46), 682 rays x 64 tilts.
+
+    0.02-5.6 m, 1024 steps per turn, steps 44 to 725 (239.8 degrees), 1 mm readings: Hokuyo SCIP 2.0 specification
+    C-42-03320B, tables 2 and reply to PP. Accuracy +-1 % of the range above 1 m (data sheet), 1-3 % measured (Kneip et al.,
+    ICRA 2009): taken as a standard deviation of 1 %. Dropouts, mixed pixels and steepest incidence: assumed.
+    """
+    step = 360 / 1024
+    return Sensor(
+        "urg_04lx", TiltingLaser(681 * step, step, -50, 30, 64), LaserRanging(0.005, 0.01), 0.02, 5.6,
+        dropout=0.01, mixed_pixels=0.5, max_incidence=84.0,
+    )  # fmt: skip
+
+
+def utm_30lx() -> Sensor:
+    """Hokuyo UTM-30LX turned about the vertical by a motor, 1081 rays x 90 half-turn lines.
+
+    0.1-30 m, 1440 steps per turn, 1081 of them used (270 degrees), 1 mm readings; repeated accuracy below 10 mm to 10 m and below
+    30 mm to 30 m (data sheet; SCIP 2.0 specification C-42-03320B, table 2). Dropouts, mixed pixels and steepest incidence: assumed.
+    """
+    return Sensor(
+        "utm_30lx", RotatingLaser(270, 0.25, 180, 90), LaserRanging(0.0085, 0.0005), 0.1, 30.0,
+        dropout=0.003, mixed_pixels=0.2,
+    )  # fmt: skip
+
+
+def vlp_16() -> Sensor:
+    """Velodyne VLP-16 at 10 Hz, 16 beams x 1808 azimuths.
+
+    100 m, +-15 degrees, one firing cycle in 55.296 us, 2 mm readings, accuracy +-3 cm typical: user manual 63-9243. The +-3 cm are
+    read as 2.5 standard deviations. Dropouts, mixed pixels and steepest incidence: assumed.
+    """
+    return Sensor(
+        "vlp_16", SpinningBeams(-15, 15, 16, 1808), LaserRanging(0.012, quantum=0.002), 0.5, 100.0,
+        dropout=0.005, mixed_pixels=0.2,
+    )  # fmt: skip
+
+
+def hdl_32e() -> Sensor:
+    """Velodyne HDL-32E at 10 Hz, 32 beams x 2170 azimuths.
+
+    100 m, +10.67 to -30.67 degrees, one firing cycle in 46.08 us, 2 mm readings, accuracy 2 cm (one standard deviation at 25 m):
+    data sheet 97-0038. Dropouts, mixed pixels and steepest incidence: assumed.
+    """
+    return Sensor(
+        "hdl_32e", SpinningBeams(-30.67, 10.67, 32, 2170), LaserRanging(0.02, quantum=0.002), 1.0, 100.0,
+        dropout=0.005, mixed_pixels=0.2,
+    )  # fmt: skip
+
+
+def kinect() -> Sensor:
+    """Microsoft Kinect: 640 x 480 depth image by structured light.
+
+    Focal length 5.453 mm of 9.3 um pixels (586 pixels), baseline 7.5 cm, disparity in steps of 1/8 pixel with a standard deviation of half
+    a step, 0.5-5 m: Khoshelham & Oude Elberink, Sensors 12 (2012) 1437. The projector throws shadows. Dropouts and steepest incidence: assumed.
+    """
+    return Sensor(
+        "kinect", PinholeCamera(640, 480, 586), DisparityRanging(586, 0.075, 1 / 16, 1 / 8), 0.5, 5.0,
+        dropout=0.002, max_incidence=80.0, emitter=(0.0, 0.075, 0.0),
+    )  # fmt: skip
+
+
+SENSORS: dict[str, Callable[[], Sensor]] = {
+    "urg_04lx": urg_04lx,
+    "utm_30lx": utm_30lx,
+    "vlp_16": vlp_16,
+    "hdl_32e": hdl_32e,
+    "kinect": kinect,
+}
+"""Sensors by name."""
+
+
+def get_sensor(sensor: str | Sensor) -> Sensor:
+    """A sensor by its name in `SENSORS`; a `Sensor` is returned as it is.
+
+    Raises:
+        InputError: There is no sensor of that name.
+    """
+    if isinstance(sensor, Sensor):
+        return sensor
+    if sensor not in SENSORS:
+        raise InputError(f"There is no sensor {sensor!r}; choose one of {', '.join(SENSORS)}.")
+    return SENSORS[sensor]()
