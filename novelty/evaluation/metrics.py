@@ -72,6 +72,8 @@ def uncertainty(table: ContingencyTable) -> float:
 
     Symmetric in truth and response; twice the mutual information over the sum of the entropies, in any unit.
     """
+    if table.total == 0:
+        return math.nan
     entropies = _entropy(table.novel, table.total) + _entropy(table.called_novel, table.total)
     return _two_class_ratio(table, 2 * _mutual_information(table), entropies)
 
@@ -126,27 +128,31 @@ def _product_of_margins(table: ContingencyTable) -> int:
 
 
 def _mutual_information(table: ContingencyTable) -> float:
-    """I(x; y) = sum_ij p_ij ln[1 + (n n_ij - r_i c_j) / (r_i c_j)] in nats, >= 0.
-
-    In a 2x2 table n n_ij - r_i c_j is AD - BC on the diagonal and its negative beside it: exact in integers.
-    """
-    excess = table.determinant
-    terms = (
-        (table.true_positives, excess, table.novel * table.called_novel),
-        (table.false_negatives, -excess, table.novel * table.not_called_novel),
-        (table.false_positives, -excess, table.not_novel * table.called_novel),
-        (table.true_negatives, excess, table.not_novel * table.not_called_novel),
+    """I(x; y) = sum_ij (n_ij / n) ln[n n_ij / (r_i c_j)] in nats, r and c the margins; never negative."""
+    cells = (
+        (table.true_positives, table.novel * table.called_novel),
+        (table.false_negatives, table.novel * table.not_called_novel),
+        (table.false_positives, table.not_novel * table.called_novel),
+        (table.true_negatives, table.not_novel * table.not_called_novel),
     )
-    shares = (count / table.total * math.log1p(change / chance) for count, change, chance in terms if count)
-    return max(math.fsum(shares), 0.0)
+    total = table.total
+    return max(
+        math.fsum(count / total * _log_ratio(total * count, by_chance) for count, by_chance in cells), 0.0
+    )
 
 
 def _entropy(count: int, total: int) -> float:
-    """H in nats of a class with `count` of `total` points; log1p keeps it exact for a tiny class."""
-    if count in {0, total}:
+    """H in nats of two classes of `count` and `total - count` points."""
+    return -sum(size / total * _log_ratio(size, total) for size in (count, total - count))
+
+
+def _log_ratio(numerator: int, denominator: int) -> float:
+    """Natural logarithm of a ratio of counts, exact near 1 too, where a tiny class would drown; 0 of none."""
+    if numerator == 0:
         return 0.0
-    rest = total - count
-    return -(count / total) * math.log1p(-rest / total) - (rest / total) * math.log1p(-count / total)
+    if denominator < 2 * numerator < 4 * denominator:
+        return math.log1p((numerator - denominator) / denominator)
+    return math.log(numerator / denominator)
 
 
 def _two_class_ratio(table: ContingencyTable, numerator: float, denominator: float) -> float:

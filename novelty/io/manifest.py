@@ -1,7 +1,7 @@
 """`pairs.csv`: the list of scan pairs that an evaluation, a sweep or a calibration runs over.
 
-The columns are `name,reference,current`, optionally `reference_origin,current_origin` (where the sensor stood, as
-"x y z") and `unit`. Paths are relative to the file.
+The columns are `name,reference,current`, optionally `reference_origin,current_origin` (where the sensor
+stood, as "x y z") and `unit`. Paths are relative to the file.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def read_pairs(path: str | Path) -> tuple[PairEntry, ...]:
     """Read a manifest and make sure, before any work begins, that every line of it can be used.
 
     Raises:
-        InputError: The manifest or a scan it names is missing, or a line is damaged; the message names the line.
+        InputError: The manifest or a scan it names is missing, or a line is damaged, which the message names.
     """
     entries = []
     for entry in _read_entries(Path(path)):
@@ -83,7 +83,7 @@ def read_pairs(path: str | Path) -> tuple[PairEntry, ...]:
 
 
 def load_pairs(path: str | Path) -> Iterator[ScanPair | FailedPair]:
-    """Load the pairs of a manifest one after the other; a bad one is reported in its place and the others follow.
+    """Load the pairs of a manifest one after the other; a bad one is reported in its place.
 
     Raises:
         InputError: The manifest is missing, or its header is damaged, so that no line can be understood.
@@ -109,22 +109,23 @@ def _read_entries(path: Path) -> list[PairEntry | FailedPair]:
     _check_columns(columns, f"{path}, line {rows[0][0]}")
     if len(rows) == 1:
         raise InputError(f"{path}: the manifest lists no pairs.")
-    entries: list[PairEntry | FailedPair] = []
-    lines_of_names: dict[str, int] = {}
-    for line, fields in rows[1:]:
-        source = f"{path}, line {line}"
-        name = fields[columns.index("name")].strip() if len(fields) == len(columns) else ""
-        try:
-            _check_row(columns, fields, source)
-            if name in lines_of_names:
-                raise InputError(
-                    f"{source}: the name {name!r} is already used on line {lines_of_names[name]}."
-                )
-            lines_of_names[name] = line
-            entries.append(_entry(dict(zip(columns, fields, strict=True)), path.parent, source))
-        except InputError as error:
-            entries.append(FailedPair(name or f"line {line}", error))
-    return entries
+    lines: dict[str, int] = {}
+    return [_parse_row(columns, fields, line, path, lines) for line, fields in rows[1:]]
+
+
+def _parse_row(
+    columns: list[str], fields: list[str], line: int, path: Path, lines: dict[str, int]
+) -> PairEntry | FailedPair:
+    """Make an entry of one line; `lines` remembers on which line each name stands."""
+    source = f"{path}, line {line}"
+    name = fields[columns.index("name")].strip() if len(fields) == len(columns) else ""
+    try:
+        _check_row(columns, fields, source)
+        if lines.setdefault(name, line) != line:
+            raise InputError(f"{source}: the name {name!r} is already used on line {lines[name]}.")
+        return _entry(dict(zip(columns, fields, strict=True)), path.parent, source)
+    except InputError as error:
+        return FailedPair(name or f"line {line}", error)
 
 
 def _read_rows(path: Path) -> list[tuple[int, list[str]]]:
