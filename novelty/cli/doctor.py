@@ -63,13 +63,13 @@ def _check_python() -> Finding:
 
 
 def _check_libraries() -> list[Finding]:
-    from novelty.report.environment import MODULES
+    from novelty.environment import MODULES
 
     return [_check_library(distribution, module) for distribution, module in MODULES.items()]
 
 
 def _check_library(distribution: str, module: str) -> Finding:
-    from novelty.report.environment import installed_version
+    from novelty.environment import installed_version
 
     version = installed_version(distribution)
     if version is None:

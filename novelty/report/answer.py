@@ -1,0 +1,47 @@
+"""The answer in words: one headline, and the notes under it."""
+
+from __future__ import annotations
+
+import math
+
+from novelty.result import NoveltyResult, ResultStatus
+
+
+def headline(result: NoveltyResult) -> str:
+    """One line that says whether anything changed, and how much: "Changed: 2 objects added, 1 removed"."""
+    if result.status is ResultStatus.FAILED:
+        return "No answer"
+    if not result.changed:
+        return "No change found"
+    added, removed = len(result.added.objects), len(result.removed.objects)
+    if not added and not removed:
+        return "Changed"
+    parts = []
+    if added:
+        parts.append(f"{_objects(added)} added")
+    if removed:
+        parts.append(f"{removed if added else _objects(removed)} removed")
+    return f"Changed: {', '.join(parts)}"
+
+
+def evidence(result: NoveltyResult) -> str:
+    """How strong the evidence is, for detectors that can tell; empty for the others."""
+    parts = []
+    if not math.isnan(result.p_value):
+        parts.append(f"p-value {_p_value(result.p_value)}")
+    if not math.isnan(result.distance):
+        parts.append(f"distance between the mixtures {result.distance:.3g}")
+    return ", ".join(parts)
+
+
+def notes(result: NoveltyResult) -> list[str]:
+    """What a reader must know beside the answer, one sentence or list of them per line."""
+    return [line.strip() for line in result.message.splitlines() if line.strip()]
+
+
+def _objects(count: int) -> str:
+    return f"{count} object" if count == 1 else f"{count} objects"
+
+
+def _p_value(value: float) -> str:
+    return "< 1e-16" if value < 1e-16 else f"{value:.2g}"

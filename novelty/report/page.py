@@ -1,0 +1,184 @@
+"""One self-contained HTML page about one pair, made from what a run left behind; it opens without a network."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from novelty import __version__
+from novelty.evaluation import LabelledScores
+from novelty.io import write_text
+from novelty.report.answer import evidence, headline, notes
+from novelty.environment import machine, versions
+from novelty.report.frame import AXES, Frame
+from novelty.report.tables import (
+    Table,
+    component_table,
+    object_table,
+    point_table,
+    score_table,
+    timing_table,
+    version_table,
+)
+from novelty.report.views import MAX_POINTS, mdl_figure, scan_figure
+from novelty.result import NoveltyResult, ResultStatus
+from novelty.scan import ScanPair
+
+_ASSETS = resources.files("novelty.report") / "assets"
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a result came about, as far as a reader must know to make it again.
+
+    Attributes:
+        settings: The configuration, as `Config.to_mapping` gives it.
+        command: The command that was typed; empty when there was none.
+    """
+
+    settings: Mapping[str, Any]
+    command: str = ""
+
+
+def write_report(
+    path: str | Path,
+    pair: ScanPair,
+    result: NoveltyResult,
+    run: Run,
+    scores: Mapping[str, LabelledScores] | None = None,
+) -> None:
+    """Write the page.
+
+    Args:
+        path: The file to write.
+        pair: The two scans as given.
+        result: What was found.
+        run: How it was found.
+        scores: Agreement with the ground truth for `added` and `removed`, where it is known.
+    """
+    frame = Frame.around([pair.reference.points, pair.current.points])
+    unit = str(run.settings["unit"])
+    figures = {
+        "added": scan_figure(pair.current, result.added, "added", frame, unit),
+        "removed": scan_figure(pair.reference, result.removed, "removed", frame, unit),
+        "mdl": mdl_figure(result),
+    }
+    content = {"figures": figures, "frame": _frame_for_browser(frame, unit)}
+    write_text(path, _render(_page(pair, result, run, scores or {}, figures["mdl"] is not None), content))
+
+
+def _render(page: dict[str, Any], content: dict[str, Any]) -> str:
+    from jinja2 import Environment, StrictUndefined
+    from plotly.offline import get_plotlyjs
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string(_asset("page.html.j2"))
+    return template.render(
+        page=page,
+        style=_asset("page.css"),
+        script=_asset("page.js"),
+        plotly=get_plotlyjs(),
+        figures=json.dumps(content, separators=(",", ":")).replace("<", "\\u003c"),
+    )
+
+
+def _page(
+    pair: ScanPair,
+    result: NoveltyResult,
+    run: Run,
+    scores: Mapping[str, LabelledScores],
+    has_mdl: bool,
+) -> dict[str, Any]:
+    unit = str(run.settings["unit"])
+    name = result.name or f"{pair.reference.name or 'reference'} → {pair.current.name or 'current'}"
+    return {
+        "title": f"{headline(result)} — {name}",
+        "name": name,
+        "headline": headline(result),
+        "verdict": _verdict(result),
+        "facts": _facts(pair, result, run),
+        "notes": notes(result),
+        "views": _captions(result),
+        "max_points": f"{MAX_POINTS:,}".replace(",", " "),
+        "objects": object_table(result, unit),
+        "scores": score_table(scores),
+        "has_mdl": has_mdl,
+        "components": _component_tables(result, unit),
+        "timings": timing_table(result.timings),
+        "points": point_table(pair, result),
+        "command": run.command,
+        "settings": yaml.safe_dump(dict(run.settings), sort_keys=False).strip(),
+        "versions": version_table({**versions(), **machine()}),
+        "version": __version__,
+    }
+
+
+def _verdict(result: NoveltyResult) -> str:
+    if result.status is ResultStatus.FAILED:
+        return "failed"
+    return "changed" if result.changed else "same"
+
+
+def _facts(pair: ScanPair, result: NoveltyResult, run: Run) -> str:
+    parts = [
+        f"{pair.reference.num_points:,} and {pair.current.num_points:,} points".replace(",", " "),
+        f"mixtures of {len(result.removed.components)} and {len(result.added.components)} components",
+        f"detector {run.settings['detector']}",
+        evidence(result),
+        f"{sum(result.timings.values()):.2f} s",
+    ]
+    return " · ".join(part for part in parts if part)
+
+
+def _captions(result: NoveltyResult) -> list[dict[str, str]]:
+    added, removed = int(result.added.point_labels.sum()), int(result.removed.point_labels.sum())
+    return [
+        {"kind": "added", "title": "Current scan", "caption": f"{added:,} points added".replace(",", " ")},
+        {
+            "kind": "removed",
+            "title": "Reference scan",
+            "caption": f"{removed:,} points removed".replace(",", " "),
+        },
+    ]
+
+
+def _component_tables(result: NoveltyResult, unit: str) -> list[dict[str, str | Table]]:
+    sides = (("current", result.added), ("reference", result.removed))
+    return [
+        {
+            "title": f"Components of the {scan} scan: {len(change.components)}, "
+            f"{sum(record.novel for record in change.components)} without counterpart",
+            "table": component_table(change, unit),
+        }
+        for scan, change in sides
+    ]
+
+
+def _frame_for_browser(frame: Frame, unit: str) -> dict[str, Any]:
+    axis = frame.up_axis
+    full_range = [float(frame.low[axis]), float(frame.high[axis])]
+    low, high = (-full_range[1], -full_range[0]) if frame.depth_camera else full_range
+    top = (frame.top - low) / (high - low)
+    scene = frame.layout(unit)
+    return {
+        "unit": unit,
+        "upAxis": axis,
+        "upSign": -1 if frame.depth_camera else 1,
+        "heights": [low, high],
+        "fullRange": full_range,
+        "top": min(1.0, math.ceil(100 * top) / 100),
+        "ratio": {name: scene["aspectratio"][name] for name in AXES},
+    }
+
+
+def _asset(name: str) -> str:
+    return (_ASSETS / name).read_text(encoding="utf-8")

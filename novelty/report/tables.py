@@ -1,0 +1,158 @@
+"""The tables of a report: columns and rows of text, ready to be set."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from novelty.evaluation import METRICS, LabelledScores
+from novelty.result import Change, NoveltyResult
+from novelty.scan import ScanPair
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its heading, and whether it holds numbers, which are set to the right."""
+
+    name: str
+    numeric: bool = True
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of text; `mark` is the style that sets it apart, empty for none."""
+
+    cells: tuple[str, ...]
+    mark: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns and rows; every row has one cell per column."""
+
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+
+
+def object_table(result: NoveltyResult, unit: str) -> Table:
+    """The objects of both directions, added before removed."""
+    names = (f"extent [{unit}]", f"centroid [{unit}]", "points", "score", "p-value", "components")
+    objects = [*result.added.objects, *result.removed.objects]
+    with_p_value = any(not math.isnan(record.p_value) for record in objects)
+    columns = tuple(Column(name) for name in names if name != "p-value" or with_p_value)
+    rows = []
+    for record in objects:
+        cells = [
+            f"{record.kind} {record.index}",
+            by_edges(record.extent),
+            as_point(record.centroid),
+            thousands(record.num_points),
+            number(record.score),
+            *([number(record.p_value)] if with_p_value else []),
+            ", ".join(str(k) for k in record.components),
+        ]
+        rows.append(Row(tuple(cells), record.kind))
+    return Table((Column("object", numeric=False), *columns), tuple(rows))
+
+
+def component_table(change: Change, unit: str) -> Table:
+    """Every component of one scan, the novel ones first, and what the detector made of it."""
+    columns = (
+        Column("component", numeric=False),
+        Column("weight"),
+        Column("points"),
+        Column(f"mean [{unit}]"),
+        Column(f"std [{unit}]"),
+        Column("score"),
+        Column("why", numeric=False),
+    )
+    ordered = sorted(change.components, key=lambda record: (not record.novel, record.index))
+    rows = tuple(
+        Row(
+            (
+                f"{record.index}{' · novel' if record.novel else ''}",
+                f"{record.weight:.3f}",
+                thousands(record.num_points),
+                as_point(record.mean),
+                by_edges(np.sqrt(np.maximum(np.linalg.eigvalsh(record.covariance)[::-1], 0))),
+                number(record.score),
+                record.reason,
+            ),
+            "novel" if record.novel else "",
+        )
+        for record in ordered
+    )
+    return Table(columns, rows)
+
+
+def score_table(scores: Mapping[str, LabelledScores]) -> Table:
+    """One row per direction, one column per metric."""
+    columns = (Column("", numeric=False), *(Column(metric.name.replace("_", " ")) for metric in METRICS))
+    rows = [
+        Row((direction, *(number(getattr(labelled.scores, metric.name)) for metric in METRICS)), direction)
+        for direction, labelled in scores.items()
+    ]
+    seen_once = [number(labelled.seen_once_called_novel) for labelled in scores.values()]
+    with_last = tuple(Row((*row.cells, share), row.mark) for row, share in zip(rows, seen_once, strict=True))
+    return Table((*columns, Column("seen once")), with_last)
+
+
+def timing_table(timings: Mapping[str, float]) -> Table:
+    """Seconds per stage and their sum."""
+    rows = [Row((stage.replace("_", " "), f"{seconds:.3f}")) for stage, seconds in timings.items()]
+    total = Row(("total", f"{sum(timings.values()):.3f}"), "total")
+    return Table((Column("stage", numeric=False), Column("seconds")), (*rows, total))
+
+
+def point_table(pair: ScanPair, result: NoveltyResult) -> Table:
+    """How many points were given, examined and called novel in both scans."""
+    columns = (Column("points", numeric=False), Column("reference"), Column("current"))
+    scans = ((pair.reference, result.removed), (pair.current, result.added))
+    counts: dict[str, list[int]] = {
+        "given": [scan.num_points for scan, _ in scans],
+        "examined": [int((change.point_components >= 0).sum()) for _, change in scans],
+        "novel": [int(change.point_labels.sum()) for _, change in scans],
+    }
+    details = [result.details.get(scan, {}).get("points_dropped", {}) for scan in ("reference", "current")]
+    for reason in dict.fromkeys(reason for dropped in details for reason in dropped):
+        counts[f"left out: {reason}"] = [dropped.get(reason, 0) for dropped in details]
+    return Table(columns, tuple(Row((name, *map(thousands, both))) for name, both in counts.items()))
+
+
+def version_table(entries: Mapping[str, Any]) -> Table:
+    """Names and versions."""
+    rows = tuple(
+        Row((name.replace("_", " "), str(value or "not installed"))) for name, value in entries.items()
+    )
+    return Table((Column("what", numeric=False), Column("version", numeric=False)), rows)
+
+
+def number(value: float) -> str:
+    """Three significant digits; a dash for NaN."""
+    if math.isnan(value):
+        return "–"
+    return f"{value:.3f}" if 0.001 <= abs(value) < 1 or value == 0 else f"{value:.3g}"
+
+
+def thousands(value: int) -> str:
+    """A count with thin groups of three: 12 345."""
+    return f"{value:,}".replace(",", " ")
+
+
+def by_edges(lengths: NDArray[np.float64]) -> str:
+    """Three lengths: 0.45 × 0.40 × 0.02."""
+    return " × ".join(_length(value) for value in lengths)
+
+
+def as_point(position: NDArray[np.float64]) -> str:
+    """Three coordinates: 1.20, -0.35, 0.80."""
+    return ", ".join(f"{value:.2f}" for value in position)
+
+
+def _length(value: float) -> str:
+    return f"{value:.2f}" if value >= 0.1 or value == 0 else f"{value:.3f}"
