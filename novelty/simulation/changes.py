@@ -52,16 +52,31 @@ def open_door(scene: Scene, world: World, rng: np.random.Generator, size: float 
 
 
 def move_object(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
-    """A movable object goes to a free spot `size` metres at most from where it was (1.5 m), turned at random."""
-    name = _choose_movable(scene, world, rng)
-    body = world.bodies[name]
-    pose = _free_spot(scene, world.remove(name), body.mesh, rng, near=body.pose[:3, 3], reach=size or 1.5)
-    return world.move(name, pose)
+    """A movable object goes to a free spot `size` metres at most from where it was (1.5 m), turned at random.
+
+    Raises:
+        InputError: No movable object has a free spot within reach.
+    """
+    for name in rng.permutation(_movable(scene, world)):
+        body = world.bodies[str(name)]
+        pose = _free_spot(
+            scene, world.remove(body.name), body.mesh, rng, near=body.pose[:3, 3], reach=size or 1.5
+        )
+        if pose is not None:
+            return world.move(body.name, pose)
+    raise InputError(f"Nothing in the scene {scene.name!r} can be moved to a free and visible spot.")
 
 
 def remove_object(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
-    """A movable object is taken away."""
-    return world.remove(_choose_movable(scene, world, rng))
+    """A movable object is taken away.
+
+    Raises:
+        InputError: No movable object is left.
+    """
+    names = _movable(scene, world)
+    if not names:
+        raise InputError(f"The scene {scene.name!r} has nothing left that can be taken away.")
+    return world.remove(str(rng.choice(names)))
 
 
 CHANGES: dict[str, Change] = {
@@ -97,33 +112,34 @@ def apply_changes(
 def _insert(scene: Scene, world: World, name: str, mesh: Mesh, rng: np.random.Generator) -> World:
     number = 1 + sum(other.split(" ")[0] == name for other in world.bodies)
     pose = _free_spot(scene, world, mesh, rng, near=ahead(scene.viewpoint, 2.8), reach=2.2)
+    if pose is None:
+        raise InputError(
+            f"No free and visible spot for a {name} in the scene {scene.name!r}; use a smaller object or another seed."
+        )
     return world.add(f"{name} {number}", mesh, pose)
 
 
-def _choose_movable(scene: Scene, world: World, rng: np.random.Generator) -> str:
-    """A movable object that has not moved yet and that stands on the floor, at random."""
-    names = [
+def _movable(scene: Scene, world: World) -> list[str]:
+    """Movable objects that stand on the floor where they stood at first."""
+    present = [name for name in scene.movable if name in world.bodies]
+    return [
         name
-        for name in scene.movable
-        if name in world.bodies and world.bodies[name].pose is scene.world.bodies[name].pose
-        and abs(world.bodies[name].pose[2, 3]) < 0.01
-    ]  # fmt: skip
-    if not names:
-        raise InputError(f"The scene {scene.name!r} has nothing left that can be moved or taken away.")
-    return str(rng.choice(names))
+        for name in present
+        if world.bodies[name].pose is scene.world.bodies[name].pose and abs(world.bodies[name].pose[2, 3]) < 0.01
+    ]
 
 
 def _free_spot(
     scene: Scene, world: World, mesh: Mesh, rng: np.random.Generator, near: FloatArray, reach: float
-) -> FloatArray:
-    """A pose (4, 4) on the floor, within `reach` of `near`, that touches nothing and is seen from the viewpoint."""
+) -> FloatArray | None:
+    """A pose (4, 4) on the floor, within `reach` of `near`, that touches nothing and is seen from the viewpoint; or None."""
     radius = float(np.linalg.norm(mesh.vertices[:, :2], axis=1).max()) + CLEARANCE
     low = np.maximum(scene.floor[0] + radius - CLEARANCE, near[:2] - reach)
     high = np.minimum(scene.floor[1] - radius + CLEARANCE, near[:2] + reach)
     if (low >= high).any():
-        raise InputError(f"The floor of the scene {scene.name!r} is too narrow for an object of radius {radius:.2f} m.")
+        return None
     spots = rng.uniform(low, high, (400, 2))
-    rectangles = footprints(world, scene.floor)
+    rectangles = footprints(world)
     nearest = np.clip(spots[:, None], rectangles[None, :, 0], rectangles[None, :, 1])  # (spots, objects, 2)
     gap = np.linalg.norm(nearest - spots[:, None], axis=2).min(axis=1)
     far_enough = np.linalg.norm(spots - scene.viewpoint[:2, 3], axis=1) > radius + 0.7
@@ -131,5 +147,5 @@ def _free_spot(
     middle = np.column_stack([spots, np.full(len(spots), mesh.vertices[:, 2].max() / 2)])
     visible = spots[RayScene(world).sees(scene.viewpoint[:3, 3], middle)] if len(spots) else spots
     if not len(visible):
-        raise InputError(f"No free and visible spot for a new object in the scene {scene.name!r}; use a smaller one.")
+        return None
     return make_pose((*visible[0], 0.0), yaw=rng.uniform(-180, 180))

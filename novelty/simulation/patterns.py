@@ -85,14 +85,16 @@ class TiltingLaser(RayPattern):
 
 
 @dataclass(frozen=True)
-class RotatingLaser(RayPattern):
-    """A planar laser in a vertical plane that a motor turns about z, one line per yaw angle.
+class RollingLaser(RayPattern):
+    """A planar laser that a motor turns about its forward axis x, one line per roll angle, densest straight ahead.
+
+    The "rolling scan" of Wulf & Wagner, Fast 3D scanning methods for laser measurement systems (CSCS 2003).
 
     Attributes:
-        field_of_view: Of the laser, degrees, symmetric about x within the vertical plane.
+        field_of_view: Of the laser, degrees, symmetric about x.
         step: Between two rays of a line, degrees.
-        turn: Of the motor, degrees; with more than 180 degrees of view half a turn covers everything.
-        lines: Number of yaw angles.
+        turn: Of the motor, degrees; half a turn covers everything in the field of view.
+        lines: Number of roll angles.
     """
 
     field_of_view: float
@@ -109,21 +111,19 @@ class RotatingLaser(RayPattern):
         """Unit vectors (lines, rays, 3)."""
         rays = round(self.field_of_view / self.step) + 1
         angle = np.radians(np.linspace(-self.field_of_view / 2, self.field_of_view / 2, rays))
-        yaw = np.radians(np.arange(self.lines) * self.turn / self.lines - self.turn / 2)[:, None]
-        x, z = np.cos(angle), np.sin(angle)
-        return _stack(x * np.cos(yaw), x * np.sin(yaw), z + 0 * yaw)
+        roll = np.radians(np.arange(self.lines) * self.turn / self.lines - self.turn / 2)[:, None]
+        side = np.sin(angle)
+        return _stack(np.cos(angle) + 0 * roll, side * np.cos(roll), side * np.sin(roll))
 
     def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether a line passes each point, seen forwards or over the top of the laser."""
+        """Whether a line passes each point, with its left or its right half."""
         x, y, z = points.T
-        half_turn, half = np.radians(self.turn / 2), np.radians(self.field_of_view / 2)
-        radius = np.hypot(x, y)
-        front = (np.abs(np.arctan2(y, x)) <= half_turn) & (np.abs(np.arctan2(z, radius)) <= half)
-        back = (np.abs(np.arctan2(-y, -x)) <= half_turn) & (np.abs(np.arctan2(z, -radius)) <= half)
-        return front | back
+        ahead = np.arctan2(np.hypot(y, z), x) <= np.radians(self.field_of_view / 2)
+        roll = np.arctan(z / np.where(y == 0, 1e-12, y))  # a line through (y, z) also passes (-y, -z)
+        return ahead & (np.abs(roll) <= np.radians(self.turn / 2))
 
-    def thinned(self, density: float) -> RotatingLaser:
-        """More or fewer yaw angles: the laser's own step is fixed."""
+    def thinned(self, density: float) -> RollingLaser:
+        """More or fewer roll angles: the laser's own step is fixed."""
         return _replace_lines(self, density)
 
 
@@ -207,7 +207,7 @@ class PinholeCamera(RayPattern):
         )
 
 
-Lines = TypeVar("Lines", TiltingLaser, RotatingLaser, SpinningBeams)
+Lines = TypeVar("Lines", TiltingLaser, RollingLaser, SpinningBeams)
 
 
 def _replace_lines(pattern: Lines, density: float) -> Lines:

@@ -244,7 +244,7 @@ def _desk(site: _Site, number: int, place: FloatArray, rng: np.random.Generator)
     site.add(f"chair {number}", furniture.office_chair(), seat, movable=True)
 
 
-def footprints(world: World, floor: FloatArray) -> FloatArray:
+def footprints(world: World) -> FloatArray:
     """Rectangles (objects, 2, 2) on the floor, lower and upper corner, taken up by what stands below head height."""
     boxes = [np.stack([body.vertices.min(axis=0), body.vertices.max(axis=0)]) for body in world.bodies.values()]
     return np.array(

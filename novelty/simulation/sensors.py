@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from novelty.errors import InputError
-from novelty.simulation.patterns import PinholeCamera, RayPattern, RotatingLaser, SpinningBeams, TiltingLaser
+from novelty.simulation.patterns import PinholeCamera, RayPattern, RollingLaser, SpinningBeams, TiltingLaser
 from novelty.simulation.ranging import DisparityRanging, LaserRanging, Ranging
 
 
@@ -76,13 +76,14 @@ def urg_04lx() -> Sensor:
 
 
 def utm_30lx() -> Sensor:
-    """Hokuyo UTM-30LX turned about the vertical by a motor, 1081 rays x 90 half-turn lines.
+    """Hokuyo UTM-30LX that a motor rolls about its forward axis, 541 rays x 180 half-turn lines.
 
-    0.1-30 m, 1440 steps per turn, 1081 of them used (270 degrees), 1 mm readings; repeated accuracy below 10 mm to 10 m and below
-    30 mm to 30 m (data sheet; SCIP 2.0 specification C-42-03320B, table 2). Dropouts, mixed pixels and steepest incidence: assumed.
+    0.1-30 m, 1440 steps per turn, 1081 of them used (270 degrees), read in clusters of two (0.5 degrees), 1 mm readings;
+    repeated accuracy below 10 mm to 10 m and below 30 mm to 30 m (data sheet; SCIP 2.0 specification C-42-03320B, table 2).
+    Dropouts, mixed pixels and steepest incidence: assumed.
     """
     return Sensor(
-        "utm_30lx", RotatingLaser(270, 0.25, 180, 90), LaserRanging(0.0085, 0.0005), 0.1, 30.0,
+        "utm_30lx", RollingLaser(270, 0.5, 180, 180), LaserRanging(0.0085, 0.0005), 0.1, 30.0,
         dropout=0.003, mixed_pixels=0.2,
     )  # fmt: skip
 
