@@ -1,0 +1,8 @@
+"""Preprocessing (section 2.2): what of a scan is examined, and its cells."""
+
+from novelty.preprocess.missing import check_scan
+from novelty.preprocess.prepare import prepare
+from novelty.preprocess.prepared import PreparedPairs, PreparedScans
+from novelty.preprocess.settings import Preprocess
+
+__all__ = ["PreparedPairs", "PreparedScans", "Preprocess", "check_scan", "prepare"]

@@ -1,0 +1,113 @@
+"""From scans as given to cells ready for the fit (section 2.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+
+from gmmtorch import PointClouds
+from novelty.errors import InputError
+from novelty.preprocess.crop import crop
+from novelty.preprocess.ground import drop_ground
+from novelty.preprocess.missing import drop_missing
+from novelty.preprocess.outliers import drop_outliers
+from novelty.preprocess.prepared import PreparedScans
+from novelty.preprocess.settings import Preprocess
+from novelty.preprocess.simplify import Scale, Simplified, simplify
+from novelty.preprocess.spacing import Spacing, spacing_of
+from novelty.preprocess.survivors import Survivors
+from novelty.preprocess.units import metres_per
+from novelty.scan import Scan
+
+ADVICE = {
+    "not finite": "check the sensor driver or the export",
+    "cropped": "widen min_range, max_range, min_height or max_height, or check `unit`",
+    "outlier": "raise outlier_std_ratio or set outliers to none",
+    "ground": "set ground to none to examine it",
+}
+"""What to change when a step takes the last points."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Examined:
+    """The points of one scan that are examined, and how far apart they are."""
+
+    scan: Survivors
+    spacing: Spacing
+
+
+def prepare(scans: Sequence[Scan], settings: Preprocess, unit: str = "m") -> PreparedScans:
+    """Take out what is not examined, and simplify the rest, of all scans at once.
+
+    A scan's result does not depend on the others. A scan of which nothing is left stays in its place as an empty
+    cloud, with a note.
+
+    Args:
+        scans: B scans.
+        settings: What is taken out and how the rest is simplified.
+        unit: Unit of the scans' coordinates: m, cm, mm, in or ft.
+
+    Raises:
+        InputError: There is no scan.
+        ConfigError: The unit or the direction `up` is not valid.
+    """
+    if not scans:
+        raise InputError("expected at least one scan to prepare, got an empty list.")
+    metres = metres_per(unit)
+    examined = [_examined(Survivors.from_scan(scan, metres), settings) for scan in scans]
+    points = PointClouds.from_list([part.scan.points for part in examined])
+    simplified = _simplified(points, settings)
+    return PreparedScans(
+        cells=simplified.cells,
+        points=points,
+        cell_of_point=simplified.cell_of_point,
+        kept=tuple(part.scan.kept for part in examined),
+        num_given=tuple(scan.num_points for scan in scans),
+        origins=tuple(part.scan.origin for part in examined),
+        dropped=tuple(part.scan.dropped for part in examined),
+        spacing=torch.tensor([part.spacing.distance for part in examined], dtype=torch.float64),
+        cell_size=_typical_extent(points, simplified),
+        notes=tuple(part.scan.notes for part in examined),
+    )
+
+
+def _examined(scan: Survivors, settings: Preprocess) -> _Examined:
+    # Missing returns.
+    scan = drop_missing(scan)
+    # Range from the sensor, band of heights.
+    scan = crop(scan, settings)
+    # Sparse outliers (Rusu et al. 2008).
+    scan = drop_outliers(scan, settings)
+    # Ground plane (Lai & Fox 2009).
+    spacing = spacing_of(scan.points)
+    left = drop_ground(scan, settings, spacing)
+    if len(left) < len(scan):
+        spacing = spacing_of(left.points)
+    return _Examined(_explained(left), spacing)
+
+
+def _explained(scan: Survivors) -> Survivors:
+    """Say which step took the last points, if nothing is left."""
+    if len(scan) or not any(scan.dropped.values()):
+        return scan
+    step = [name for name, count in scan.dropped.items() if count][-1]
+    return scan.noted(
+        f"Nothing is left to examine; the last {scan.dropped[step]} points went as {step!r}: {ADVICE[step]}."
+    )
+
+
+def _simplified(points: PointClouds, settings: Preprocess) -> Simplified:
+    if settings.simplify == "none":
+        return Simplified(cells=points, cell_of_point=torch.arange(len(points.points)))
+    return simplify(points, Scale(settings.simplify, settings.max_cell_size, settings.max_surface_variation))
+
+
+def _typical_extent(points: PointClouds, simplified: Simplified) -> torch.Tensor:
+    """Median over a cloud's points of the RMS distance between a cell's points and their mean, (B,)."""
+    if simplified.cells.spreads is None:
+        return torch.tensor([0.0 if size else torch.nan for size in points.sizes], dtype=torch.float64)
+    variances = simplified.cells.spreads.diagonal(dim1=1, dim2=2).sum(-1)[simplified.cell_of_point]  # (N,)
+    medians = [part.median() if len(part) else part.new_tensor(torch.nan) for part in points.split(variances)]
+    return torch.stack(medians).clamp_min(0).sqrt()

@@ -1,0 +1,87 @@
+"""What preprocessing hands on: cells to fit, the points behind them, and the way back to the scan as given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from gmmtorch import PointClouds
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedScans:
+    """B scans after preprocessing, packed; every length is in metres.
+
+    A scan that left nothing to examine keeps its place as an empty cloud.
+
+    Attributes:
+        cells: B clouds of cells (count, mean, spread), ordered by their smallest original index.
+        points: B clouds of the examined points of the given scans, in scan order; N points in all.
+        cell_of_point: int64 (N,), row of `cells.points` that holds each examined point.
+        kept: For each scan, int64 (N_b,), the place of its examined points in the scan as given.
+        num_given: For each scan, the number of points given.
+        origins: For each scan, where the sensor stood, (3,) or (number of points given, 3); None when unknown.
+        dropped: For each scan, how many points each step took out (`not finite`, `cropped`, `outlier`, `ground`).
+        spacing: float64 (B,), typical distance between neighbouring points, m; NaN for an empty cloud.
+        cell_size: float64 (B,), typical root-mean-square extent of a cell, m; NaN for an empty cloud.
+        notes: For each scan, what a reader of the result must know (substitutions, oddities).
+    """
+
+    cells: PointClouds
+    points: PointClouds
+    cell_of_point: torch.Tensor
+    kept: tuple[NDArray[np.int64], ...]
+    num_given: tuple[int, ...]
+    origins: tuple[NDArray[np.float64] | None, ...]
+    dropped: tuple[dict[str, int], ...]
+    spacing: torch.Tensor
+    cell_size: torch.Tensor
+    notes: tuple[tuple[str, ...], ...] = field(default=())
+
+    def __len__(self) -> int:
+        """B."""
+        return len(self.kept)
+
+    def select(self, indices: Sequence[int]) -> PreparedScans:
+        """The scans at `indices`, in that order; an index may repeat."""
+        local = self.cell_of_point - _starts(self.cells)[self.points.cloud_index]
+        cells, points = self.cells.select(indices), self.points.select(indices)
+        pieces = [self.points.split(local)[index] for index in indices]
+        packed = torch.cat(pieces) if pieces else local[:0]
+        rows = torch.tensor(indices, dtype=torch.long)
+        return PreparedScans(
+            cells=cells,
+            points=points,
+            cell_of_point=packed + _starts(cells)[points.cloud_index],
+            kept=tuple(self.kept[index] for index in indices),
+            num_given=tuple(self.num_given[index] for index in indices),
+            origins=tuple(self.origins[index] for index in indices),
+            dropped=tuple(self.dropped[index] for index in indices),
+            spacing=self.spacing[rows],
+            cell_size=self.cell_size[rows],
+            notes=tuple(self.notes[index] for index in indices),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedPairs:
+    """P pairs of prepared scans: row p of `reference` is compared with row p of `current`."""
+
+    reference: PreparedScans
+    current: PreparedScans
+
+    def __len__(self) -> int:
+        """P."""
+        return len(self.reference)
+
+    def exchanged(self) -> PreparedPairs:
+        """The same pairs with the roles exchanged: what is new there is gone here."""
+        return PreparedPairs(reference=self.current, current=self.reference)
+
+
+def _starts(clouds: PointClouds) -> torch.Tensor:
+    return torch.tensor(clouds.offsets[:-1], device=clouds.device)
