@@ -12,7 +12,11 @@ from typing import Annotated
 import typer
 
 from novelty import __version__
+from novelty.cli.demo import demo
+from novelty.cli.detect import detect
 from novelty.cli.doctor import doctor
+from novelty.cli.evaluate import evaluate
+from novelty.cli.simulate import simulate
 from novelty.cli.terminal import complain
 from novelty.errors import NoveltyError
 
@@ -28,7 +32,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (doctor,):
+for command in (detect, evaluate, demo, simulate, doctor):
     app.command()(command)
 
 

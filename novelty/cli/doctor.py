@@ -39,7 +39,7 @@ class Finding:
 
 
 def doctor() -> None:
-    """Check the installation; exit code 1 when something needed is missing."""
+    """Say what is installed and what is missing (exit code 1)."""
     with working("Importing every library"):
         findings = [_check_python(), *_check_libraries(), *_check_shared_libraries()]
         devices = _devices()

@@ -7,8 +7,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
+from rich.table import Table
 
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
@@ -32,3 +34,10 @@ def working(message: str) -> Iterator[None]:
 def command_line() -> str:
     """The command that runs now, ready to be pasted into a shell."""
     return shlex.join(["novelty", *sys.argv[1:]])
+
+
+def plain_table(title: str = "") -> Table:
+    """A table without frame, narrow enough for eighty columns."""
+    return Table(
+        title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
+    )

@@ -75,7 +75,7 @@ def read_pairs(path: str | Path) -> tuple[PairEntry, ...]:
         InputError: The manifest or a scan it names is missing, or a line is damaged, which the message names.
     """
     entries = []
-    for entry in _read_entries(Path(path)):
+    for entry in read_entries(path):
         if isinstance(entry, FailedPair):
             raise entry.error
         entries.append(entry)
@@ -88,7 +88,7 @@ def load_pairs(path: str | Path) -> Iterator[ScanPair | FailedPair]:
     Raises:
         InputError: The manifest is missing, or its header is damaged, so that no line can be understood.
     """
-    for entry in _read_entries(Path(path)):
+    for entry in read_entries(path):
         yield entry if isinstance(entry, FailedPair) else _load(entry)
 
 
@@ -99,7 +99,13 @@ def _load(entry: PairEntry) -> ScanPair | FailedPair:
         return FailedPair(entry.name, error)
 
 
-def _read_entries(path: Path) -> list[PairEntry | FailedPair]:
+def read_entries(path: str | Path) -> list[PairEntry | FailedPair]:
+    """Read a manifest and no scan yet; a line that cannot be used is reported in its place.
+
+    Raises:
+        InputError: The manifest is missing, or its header is damaged, so that no line can be understood.
+    """
+    path = Path(path)
     rows = _read_rows(path)
     if not rows:
         raise InputError(

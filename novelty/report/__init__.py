@@ -1,5 +1,18 @@
 """What is handed to people: the page, the record of a run, and the scans with their labels."""
 
-from novelty.report.page import Run, write_report
+from novelty.report.answer import evidence, headline, notes
+from novelty.report.outputs import write_labelled_scan, write_outputs
+from novelty.report.page import write_report
+from novelty.report.record import result_record
+from novelty.report.run import Run
 
-__all__ = ["Run", "write_report"]
+__all__ = [
+    "Run",
+    "evidence",
+    "headline",
+    "notes",
+    "result_record",
+    "write_labelled_scan",
+    "write_outputs",
+    "write_report",
+]

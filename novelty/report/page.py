@@ -1,11 +1,10 @@
-"""One self-contained HTML page about one pair, made from what a run left behind; it opens without a network."""
+"""One self-contained HTML page about one pair, made from what a run left; it opens without a network."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,11 +12,12 @@ from typing import Any
 import yaml
 
 from novelty import __version__
+from novelty.environment import machine, versions
 from novelty.evaluation import LabelledScores
 from novelty.io import write_text
 from novelty.report.answer import evidence, headline, notes
-from novelty.environment import machine, versions
 from novelty.report.frame import AXES, Frame
+from novelty.report.run import Run
 from novelty.report.tables import (
     Table,
     component_table,
@@ -32,19 +32,6 @@ from novelty.result import NoveltyResult, ResultStatus
 from novelty.scan import ScanPair
 
 _ASSETS = resources.files("novelty.report") / "assets"
-
-
-@dataclass(frozen=True)
-class Run:
-    """How a result came about, as far as a reader must know to make it again.
-
-    Attributes:
-        settings: The configuration, as `Config.to_mapping` gives it.
-        command: The command that was typed; empty when there was none.
-    """
-
-    settings: Mapping[str, Any]
-    command: str = ""
 
 
 def write_report(
@@ -64,13 +51,12 @@ def write_report(
         scores: Agreement with the ground truth for `added` and `removed`, where it is known.
     """
     frame = Frame.around([pair.reference.points, pair.current.points])
-    unit = str(run.settings["unit"])
     figures = {
-        "added": scan_figure(pair.current, result.added, "added", frame, unit),
-        "removed": scan_figure(pair.reference, result.removed, "removed", frame, unit),
+        "added": scan_figure(pair.current, result.added, "added", frame, run.unit),
+        "removed": scan_figure(pair.reference, result.removed, "removed", frame, run.unit),
         "mdl": mdl_figure(result),
     }
-    content = {"figures": figures, "frame": _frame_for_browser(frame, unit)}
+    content = {"figures": figures, "frame": _frame_for_browser(frame, run.unit)}
     write_text(path, _render(_page(pair, result, run, scores or {}, figures["mdl"] is not None), content))
 
 
@@ -98,7 +84,6 @@ def _page(
     scores: Mapping[str, LabelledScores],
     has_mdl: bool,
 ) -> dict[str, Any]:
-    unit = str(run.settings["unit"])
     name = result.name or f"{pair.reference.name or 'reference'} → {pair.current.name or 'current'}"
     return {
         "title": f"{headline(result)} — {name}",
@@ -109,10 +94,10 @@ def _page(
         "notes": notes(result),
         "views": _captions(result),
         "max_points": f"{MAX_POINTS:,}".replace(",", " "),
-        "objects": object_table(result, unit),
+        "objects": object_table(result, run.unit),
         "scores": score_table(scores),
         "has_mdl": has_mdl,
-        "components": _component_tables(result, unit),
+        "components": _component_tables(result, run.unit),
         "timings": timing_table(result.timings),
         "points": point_table(pair, result),
         "command": run.command,

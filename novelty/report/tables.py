@@ -136,7 +136,9 @@ def number(value: float) -> str:
     """Three significant digits; a dash for NaN."""
     if math.isnan(value):
         return "–"
-    return f"{value:.3f}" if 0.001 <= abs(value) < 1 or value == 0 else f"{value:.3g}"
+    if value == 0:
+        return "0"
+    return f"{value:.3f}" if 0.001 <= abs(value) < 10 else f"{value:.3g}"
 
 
 def thousands(value: int) -> str:

@@ -1,7 +1,7 @@
 """The figures of a report as plotly's own data: points, components and objects of one scan, and the MDL path.
 
-Nothing is computed anew: a figure shows what `NoveltyResult` holds. Arrays are passed as base64, so that a page with
-tens of thousands of points stays small.
+Nothing is computed anew: a figure shows what `NoveltyResult` holds. Arrays are passed as base64, so that a
+page with tens of thousands of points stays small.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def scan_figure(scan: Scan, change: Change, kind: str, frame: Frame, unit: str) 
 
 
 def mdl_figure(result: NoveltyResult) -> Figure | None:
-    """The criterion against the order for both scans, its least value marked; None where no search was made."""
+    """The criterion against the order for both scans, its least value marked; None without a search."""
     traces = []
     for scan, colour in (("reference", REMOVED), ("current", ADDED)):
         path = result.details.get(scan, {}).get("mdl_path", [])

@@ -1,0 +1,88 @@
+"""`novelty detect`: what is new and what is gone between two scans."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from novelty.cli.options import (
+    DETECTORS,
+    Assignments,
+    ConfigFile,
+    MaxComponents,
+    Seed,
+    Unit,
+    build_config,
+    parse_origin,
+)
+from novelty.cli.terminal import command_line, out, working
+
+CHANGED = 3
+"""Exit code of `--fail-on-change` when something changed."""
+
+
+def detect(
+    reference: Annotated[Path, typer.Argument(metavar="REF", help="Scan of the place as it was.")],
+    current: Annotated[Path, typer.Argument(metavar="CUR", help="Scan of the place as it is now.")],
+    *,
+    out_folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Write result.json, both scans with labels, and report.html."
+        ),
+    ] = None,
+    config: ConfigFile = None,
+    detector: Annotated[str | None, typer.Option(metavar="NAME", help=f"{DETECTORS}.")] = None,
+    assignments: Assignments = None,
+    unit: Unit = None,
+    reference_origin: Annotated[
+        str | None, typer.Option(metavar='"X Y Z"', help="Where the sensor stood for the reference scan.")
+    ] = None,
+    current_origin: Annotated[
+        str | None, typer.Option(metavar='"X Y Z"', help="Where the sensor stood for the current scan.")
+    ] = None,
+    max_components: MaxComponents = None,
+    seed: Seed = None,
+    fail_on_change: Annotated[
+        bool, typer.Option("--fail-on-change", help=f"Exit with code {CHANGED} when something changed.")
+    ] = False,
+) -> None:
+    """Say what is new and what is gone between two scans."""
+    origin_before = parse_origin(reference_origin, "--reference-origin")
+    origin_now = parse_origin(current_origin, "--current-origin")
+    with working("Starting"):
+        from novelty.cli.answer import show_answer
+        from novelty.cli.scoring import score_result
+        from novelty.io import read_scan
+        from novelty.pipeline import detect as detect_pair
+        from novelty.report import Run, write_outputs
+        from novelty.scan import ScanPair
+
+        settings = build_config(
+            config, assignments, detector=detector, unit=unit, max_components=max_components, seed=seed
+        )
+    with working("Reading the scans"):
+        pair = ScanPair(
+            reference=read_scan(reference, origin_before),
+            current=read_scan(current, origin_now),
+            name=_pair_name(reference, current),
+        )
+    with working("Comparing"):
+        result = detect_pair(pair, settings)
+        scores = score_result(pair, result)
+    show_answer(result, settings.unit, scores)
+    if out_folder is not None:
+        with working(f"Writing {out_folder}"):
+            write_outputs(out_folder, pair, result, Run(settings.to_mapping(), command_line()), scores)
+        out.print(f"\nReport: {escape(str(out_folder / 'report.html'))}", soft_wrap=True)
+    if fail_on_change and result.changed:
+        raise typer.Exit(CHANGED)
+
+
+def _pair_name(reference: Path, current: Path) -> str:
+    """The files by their own names and those of their folders: "monday/scan → tuesday/scan"."""
+    short = (str(Path(*path.resolve().parts[-2:]).with_suffix("")) for path in (reference, current))
+    return " → ".join(short)

@@ -1,0 +1,67 @@
+"""The folder that a run leaves behind: a record, both scans with their labels, and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from novelty.errors import InputError
+from novelty.evaluation import LabelledScores
+from novelty.io import write_json, write_ply
+from novelty.report.page import write_report
+from novelty.report.record import result_record
+from novelty.report.run import Run
+from novelty.result import Change, NoveltyResult
+from novelty.scan import Scan, ScanPair
+
+
+def write_outputs(
+    folder: str | Path,
+    pair: ScanPair,
+    result: NoveltyResult,
+    run: Run,
+    scores: Mapping[str, LabelledScores] | None = None,
+) -> None:
+    """Write `result.json`, `current.ply`, `reference.ply` and `report.html`.
+
+    Args:
+        folder: Where to; made where needed.
+        pair: The two scans as given.
+        result: What was found.
+        run: How it was found.
+        scores: Agreement with the ground truth for `added` and `removed`, where it is known.
+
+    Raises:
+        InputError: The folder cannot be written to.
+        MissingDependencyError: Open3D, which writes PLY, cannot be loaded.
+    """
+    target = Path(folder)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        write_json(target / "result.json", result_record(pair, result, run, scores or {}))
+        write_labelled_scan(target / "current.ply", pair.current, result.added)
+        write_labelled_scan(target / "reference.ply", pair.reference, result.removed)
+        write_report(target / "report.html", pair, result, run, scores)
+    except OSError as error:
+        raise InputError(f"{target}: the results cannot be written: {error.strerror or error}.") from None
+
+
+def write_labelled_scan(path: str | Path, scan: Scan, change: Change) -> None:
+    """Write a scan with what became of each point.
+
+    Per vertex: `novelty` (uint8, 0 or 1), `state` (uint8, see `PointState`), `score` (float, NaN where not
+    examined), `component` (int, -1 none), and the ground truth `label` where the scan has it.
+    """
+    properties: dict[str, NDArray[Any]] = {
+        "novelty": change.point_labels.astype(np.uint8),
+        "state": change.point_states,
+        "score": change.point_scores.astype(np.float32),
+        "component": change.point_components.astype(np.int32),
+    }
+    if scan.labels is not None:
+        properties["label"] = scan.labels
+    write_ply(path, scan.points, **properties)
