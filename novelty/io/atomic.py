@@ -13,21 +13,29 @@ from typing import Any
 
 import numpy as np
 
+from novelty.errors import InputError
+
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
     """Give a temporary path to write to; on success it takes the place of `path`, on failure it is removed.
 
     The temporary file lies in the same folder, which is made where needed, and keeps the extension.
+
+    Raises:
+        InputError: The file cannot be written there.
     """
     target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{target.stem}.{uuid.uuid4().hex[:12]}{target.suffix}")
     try:
-        yield temporary
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            yield temporary
+            os.replace(temporary, target)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"{target}: the file cannot be written: {error}.") from error
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -49,6 +49,6 @@ def _ground_truth(values: NDArray[np.generic] | None, path: Path) -> NDArray[np.
     warnings.warn(
         f"{path}: the field 'label' holds {found}; it is not used as ground truth, which is 0 unchanged, "
         "1 changed, 2 seen in one scan only, 255 not scored.",
-        stacklevel=2,
+        stacklevel=5,
     )
     return None

@@ -42,8 +42,9 @@ def _load(file: Path | BinaryIO, path: Path) -> Any:
     try:
         loaded = np.load(file, allow_pickle=False)
         return loaded if isinstance(loaded, np.ndarray) else dict(loaded)
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: numpy cannot read the file: {error}") from None
+    # damage surfaces as what the parsers beneath raise: ValueError, EOFError, TokenError, BadZipFile ...
+    except Exception as error:
+        raise InputError(f"{path}: numpy cannot read the file, it is damaged ({error}).") from error
 
 
 def _coordinates(array: NDArray[np.generic], what: str, path: Path) -> NDArray[np.generic]:

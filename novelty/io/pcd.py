@@ -103,9 +103,11 @@ def _parse_header(content: bytes, path: Path) -> _Header:
     try:
         num_points = int(entries["POINTS"][0]) if "POINTS" in entries else _grid_size(entries)
         viewpoint = np.array(entries.get("VIEWPOINT", ["0"] * 7)[:3], dtype=np.float64)
+        if num_points < 0 or not np.isfinite(viewpoint).all():
+            raise ValueError("POINTS or VIEWPOINT")
         row_type = _row_type(entries)
         (encoding,) = entries["DATA"]
-    except (KeyError, ValueError, IndexError) as error:
+    except (KeyError, ValueError, IndexError, TypeError) as error:
         raise InputError(
             f"{path}: the PCD header is damaged ({error}); expected FIELDS, SIZE, TYPE, POINTS, DATA."
         ) from None

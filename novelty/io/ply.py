@@ -1,11 +1,13 @@
-"""PLY (Turk's polygon file format): reading in numpy, writing with Open3D.
+"""PLY (Turk's polygon file format), read and written with numpy.
 
-Open3D returns uninitialised memory for the missing points of a truncated file and mixes up coordinates of
-different types; here the header says what must follow, and what does not follow is an error.
+Open3D 0.20 returns uninitialised memory for the missing points of a truncated file, mixes up coordinates of
+different types, and drops infinite float32 values on writing, all without an error. Here the header says what
+must follow, and what does not follow is an error.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,17 +17,18 @@ from numpy.typing import ArrayLike, NDArray
 from novelty.errors import InputError
 from novelty.io.atomic import replacing
 from novelty.io.columns import cut_short, no_points, scan_from_columns
-from novelty.io.open3d_library import load_open3d
 from novelty.io.text import read_table
 from novelty.scan import Scan
 
+PLY_TYPES = {
+    **{"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"},
+    **{"f4": "float", "f8": "double"},
+}
 NUMPY_TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
-    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+    **{name: kind for kind, name in PLY_TYPES.items()},
+    **{np.dtype(kind).name: kind for kind in PLY_TYPES},  # int8 ... float64, which newer programs write
 }
 BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-WRITABLE_TYPES = tuple(np.dtype(name) for name in ("u1", "i1", "i2", "u2", "i4", "u4", "f4", "f8"))
 
 
 @dataclass
@@ -82,19 +85,26 @@ def write_ply(path: str | Path, points: ArrayLike, **vertex_properties: ArrayLik
 
     Raises:
         InputError: There is no point, a length differs, a type or a name cannot be written.
-        MissingDependencyError: Open3D cannot be loaded.
     """
     coordinates = np.asarray(points, dtype=np.float64)
     if coordinates.ndim != 2 or coordinates.shape[1] != 3 or len(coordinates) == 0:
         raise InputError(f"{path}: points must have shape (N, 3) with N > 0; got {coordinates.shape}.")
-    open3d = load_open3d()
-    cloud = open3d.t.geometry.PointCloud(open3d.core.Tensor(_narrowest(coordinates)))
+    columns = dict(zip("xyz", _narrowest(coordinates).T, strict=True))
     for name, values in vertex_properties.items():
-        column = _writable(name, values, len(coordinates), path)
-        cloud.point[name] = open3d.core.Tensor(np.ascontiguousarray(column[:, None]))
+        columns[name] = _writable(name, values, len(coordinates), path)
+    rows = np.empty(
+        len(coordinates), [(name, column.dtype.newbyteorder("<")) for name, column in columns.items()]
+    )
+    for name, column in columns.items():
+        rows[name] = column
     with replacing(path) as temporary:
-        if not open3d.t.io.write_point_cloud(str(temporary), cloud, write_ascii=False):
-            raise InputError(f"{path}: Open3D could not write the file; check free space and permissions.")
+        temporary.write_bytes(_header_of(columns, len(rows)) + rows.tobytes())
+
+
+def _header_of(columns: Mapping[str, NDArray[np.generic]], num_points: int) -> bytes:
+    properties = (f"property {PLY_TYPES[column.dtype.str[1:]]} {name}" for name, column in columns.items())
+    first_lines = ("ply", "format binary_little_endian 1.0", f"element vertex {num_points}")
+    return "\n".join((*first_lines, *properties, "end_header\n")).encode("ascii")
 
 
 def _parse_header(content: bytes, path: Path) -> _Header:
@@ -112,7 +122,7 @@ def _parse_header(content: bytes, path: Path) -> _Header:
                 case ["format", name, _]:
                     encoding = name
                 case ["element", name, count]:
-                    elements.append(_Element(name, int(count), []))
+                    elements.append(_Element(name, _count(count), []))
                 case ["property", "list", *_]:
                     elements[-1].has_list = True
                 case ["property", kind, name]:
@@ -124,6 +134,12 @@ def _parse_header(content: bytes, path: Path) -> _Header:
     if encoding not in BYTE_ORDERS:
         raise InputError(f"{path}: the format must be one of {', '.join(BYTE_ORDERS)}; found {encoding!r}.")
     return _Header(encoding, tuple(elements), line_end + 1, len(lines))
+
+
+def _count(text: str) -> int:
+    if not text.isdigit():
+        raise ValueError(text)
+    return int(text)
 
 
 def _find_vertex(header: _Header, path: Path) -> tuple[tuple[_Element, ...], _Element]:
@@ -138,6 +154,8 @@ def _find_vertex(header: _Header, path: Path) -> tuple[tuple[_Element, ...], _El
             f"{path}: list properties in or before the element 'vertex' are not supported; "
             "save the points alone, for example with CloudCompare."
         )
+    if len({name for name, _ in vertex.fields}) < len(vertex.fields):
+        raise InputError(f"{path}: the header names a property of 'vertex' twice.")
     if vertex.count == 0:
         raise no_points(path)
     return before, vertex
@@ -171,9 +189,9 @@ def _writable(name: str, values: ArrayLike, num_points: int, path: str | Path) -
         column = column.astype(np.uint8)
     if column.shape != (num_points,):
         raise InputError(f"{path}: property {name!r} must have shape ({num_points},); got {column.shape}.")
-    if column.dtype not in WRITABLE_TYPES:
-        known = ", ".join(kind.name for kind in WRITABLE_TYPES)
+    if column.dtype.str[1:] not in PLY_TYPES:
+        known = ", ".join(np.dtype(kind).name for kind in PLY_TYPES)
         raise InputError(f"{path}: property {name!r} has type {column.dtype}; PLY knows bool, {known}.")
-    if name in {"positions", "normals", "colors", "x", "y", "z"}:
-        raise InputError(f"{path}: a property cannot be called {name!r}, which PLY uses itself.")
+    if name in {"x", "y", "z"} or not (name.isascii() and name.isidentifier()):
+        raise InputError(f"{path}: a property of a PLY file cannot be called {name!r}.")
     return column

@@ -49,6 +49,8 @@ def read_scan(path: str | Path, origin: ArrayLike | None = None) -> Scan:
     file = Path(path)
     reader = _find_reader(file)
     try:
+        if file.stat().st_size == 0:
+            raise InputError(f"{file}: the file is empty (0 bytes). Copy it again.")
         scan = reader(file)
     except OSError as error:
         raise InputError(f"{file}: the file cannot be read: {error.strerror or error}.") from error

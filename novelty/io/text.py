@@ -6,7 +6,7 @@ file is cut short; numpy reads them in float64, faster, and a damaged line is fo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -84,7 +84,8 @@ def read_table(
     Raises:
         InputError: There is no row, fewer than `num_rows`, or a damaged line, which the message names.
     """
-    _require_rows(path, first_line, num_rows)
+    if next(_rows(path, first_line, delimiter), None) is None:
+        raise no_points(path)
     try:
         table = np.loadtxt(
             path,
@@ -96,18 +97,11 @@ def read_table(
             encoding="utf-8-sig",
         )
     except ValueError as error:
-        raise InputError(_damaged_line(path, first_line, delimiter) or f"{path}: {error}.") from None
+        rows = islice(_rows(path, first_line, delimiter), num_rows)
+        raise InputError(f"{path}{_describe_damage(rows) or f': {error}'}.") from None
+    if num_rows is not None and len(table) < num_rows:
+        raise cut_short(path, num_rows, len(table))
     return table
-
-
-def _require_rows(path: Path, first_line: int, num_rows: int | None) -> None:
-    """Refuse a file without points, or cut short, before numpy warns about it or is content with less."""
-    wanted = 1 if num_rows is None else num_rows
-    found = sum(1 for _ in islice(_rows(path, first_line, None), wanted))
-    if found == 0:
-        raise no_points(path)
-    if found < wanted:
-        raise cut_short(path, wanted, found)
 
 
 def _find_layout(path: Path) -> _Layout:
@@ -126,20 +120,20 @@ def _find_layout(path: Path) -> _Layout:
     raise no_points(path)
 
 
-def _damaged_line(path: Path, first_line: int, delimiter: str | None) -> str | None:
+def _describe_damage(rows: Iterable[tuple[int, list[str]]]) -> str | None:
     """Describe the first line that is not like the others; None where every line is in order."""
     num_columns = None
-    for number, fields in _rows(path, first_line, delimiter):
+    for number, fields in rows:
         wrong = next((field for field in fields if not _is_number(field)), None)
         if wrong is not None:
-            return f"{path}, line {number}: expected numbers, found {wrong[:40]!r}."
+            return f", line {number}: expected numbers, found {wrong[:40]!r}"
         num_columns = num_columns or len(fields)
         if len(fields) != num_columns:
-            return f"{path}, line {number}: expected {num_columns} columns as above, found {len(fields)}."
+            return f", line {number}: expected {num_columns} columns as above, found {len(fields)}"
     return None
 
 
-def _rows(path: Path, first_line: int, delimiter: str | None) -> Iterator[tuple[int, Sequence[str]]]:
+def _rows(path: Path, first_line: int, delimiter: str | None) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number and the fields of every line that is neither blank nor a comment."""
     for number, line in enumerate(_lines(path), start=1):
         text = line.partition("#")[0].strip() if number >= first_line else ""
