@@ -1,0 +1,262 @@
+"""Expectation maximisation for a batch of clouds, at a fixed number of components."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import torch
+from torch import Tensor
+
+from gmmtorch import linalg
+from gmmtorch.clouds import PointClouds
+from gmmtorch.components import Components
+from gmmtorch.errors import ArgumentError, Status
+from gmmtorch.mixtures import GaussianMixtures
+from gmmtorch.problem import (
+    CovarianceFloor,
+    Problem,
+    Tolerance,
+    Workload,
+    components_from_mixtures,
+    feasible_components,
+    initial_components,
+    mixtures_from_components,
+    prepare,
+)
+from gmmtorch.statistics import Statistics, expectation, log_likelihood
+
+__all__ = ["EMResult", "EMState", "final_status", "fit_em", "maximization", "run_em"]
+
+_ROUND_OFF = (
+    4.0 * torch.finfo(torch.float64).eps
+)  # of the trace: what the moments themselves are uncertain by
+_REPACK_BELOW = 0.7  # share of the tiles still running, below which the others are left out
+_LOOK_EVERY = 4  # iterations between looks at convergence on a device, where a look is a synchronisation
+_AT_FLOOR = 0.5  # of a standard deviation squared that comes from the floor
+
+
+@dataclass(frozen=True)
+class EMResult:
+    """Mixtures fitted by EM.
+
+    Attributes:
+        mixtures: the mixtures after the last M-step.
+        log_likelihood: total weighted log-likelihood of these mixtures (B,) float64, nats, in the caller's units.
+        objective: the same for points that have the spread of the covariance floor (B,), nats: what EM maximises.
+        num_iterations: M-steps made (B,) int64.
+        converged: whether the last gain was at most the tolerance (B,) bool; False when `tolerance` is None.
+        status: `Status` of every cloud (B,) int64.
+    """
+
+    mixtures: GaussianMixtures
+    log_likelihood: Tensor
+    objective: Tensor
+    num_iterations: Tensor
+    converged: Tensor
+    status: Tensor
+
+
+@dataclass(frozen=True)
+class EMState:
+    """Where EM stands: mixtures in normalised coordinates, the other fields as in `EMResult`, per cloud."""
+
+    components: Components
+    objective: Tensor
+    log_likelihood: Tensor
+    gain: Tensor
+    num_iterations: Tensor
+    converged: Tensor
+
+    @staticmethod
+    def start(components: Components) -> EMState:
+        """State before the first E-step."""
+        zero = torch.zeros_like(components.weights[:, 0])
+        return EMState(components, zero, zero, zero, zero.long(), zero.bool())
+
+    def per_cloud(self) -> tuple[Tensor, ...]:
+        """All fields but the mixtures, each (B,)."""
+        return tuple(getattr(self, f.name) for f in fields(self)[1:])
+
+    def take(self, clouds: Tensor) -> EMState:
+        """States of these clouds (B',) int64."""
+        return EMState(self.components.take(clouds), *(t.index_select(0, clouds) for t in self.per_cloud()))
+
+    def put(self, clouds: Tensor, other: EMState) -> EMState:
+        """Replace the states of these clouds (B',) int64 by those of `other`."""
+        pairs = zip(self.per_cloud(), other.per_cloud(), strict=True)
+        per_cloud = (mine.index_copy(0, clouds, theirs) for mine, theirs in pairs)
+        return EMState(self.components.put(clouds, other.components), *per_cloud)
+
+    def where(self, condition: Tensor, other: EMState) -> EMState:
+        """Keep these states where the condition (B,) bool holds, those of `other` elsewhere."""
+        pairs = zip(self.per_cloud(), other.per_cloud(), strict=True)
+        per_cloud = (torch.where(condition, mine, theirs) for mine, theirs in pairs)
+        return EMState(self.components.where(condition, other.components), *per_cloud)
+
+
+@torch.no_grad()
+def fit_em(
+    clouds: PointClouds,
+    num_components: int | Sequence[int] | None = None,
+    *,
+    initial: GaussianMixtures | None = None,
+    max_iterations: int = 100,
+    tolerance: Tolerance = "mdl",
+    seed: int = 0,
+    n_init: int = 1,
+    initializer: str = "evenly_spaced",
+    min_std: float | None = None,
+    relative_floor: float = 1e-4,
+    covariance_floor: CovarianceFloor = "model",
+) -> EMResult:
+    """Fit one Gaussian mixture of K components to every cloud.
+
+    Args:
+        clouds: the batch.
+        num_components: K, one number or one per cloud; not needed with `initial`.
+        initial: mixtures to start from, in the caller's units, instead of an initialiser.
+        max_iterations: M-steps at most.
+        tolerance: EM stops when it gains at most so many nats in total; "mdl" is Bouman's
+            0.01 (1 + D + D (D + 1) / 2) log(N D), None makes all iterations.
+        seed: of the random initialisers.
+        n_init: initialisations of every cloud; the most likely result is kept.
+        initializer: name of an initialiser of `gmmtorch.INITIALIZERS`.
+        min_std: covariance floor as a standard deviation, m.
+        relative_floor: covariance floor in units of the cloud's robust extent.
+        covariance_floor: "model", a spread of every point, so that EM never lowers the objective; or
+            "paper", Bouman's 1e-5 mean(diag cov) added by the M-step alone, which may.
+
+    Raises:
+        ArgumentError: if an option is out of range.
+        ShapeError: if `initial` or `num_components` does not fit the batch.
+    """
+    if max_iterations < 0 or n_init < 1:
+        raise ArgumentError(f"max_iterations must be >= 0 and n_init >= 1, got {max_iterations} and {n_init}")
+    problem = prepare(clouds, min_std, relative_floor, covariance_floor, tolerance)
+    if initial is not None:
+        start = components_from_mixtures(problem, initial)
+        return _result(problem, run_em(problem.workload, start, max_iterations), problem.normalized.status)
+    if num_components is None:
+        raise ArgumentError("fit_em needs num_components, or initial mixtures to start from")
+    held, status = feasible_components(problem, num_components)
+    starts = (initial_components(problem, held, initializer, seed, i) for i in range(n_init))
+    best = run_em(problem.workload, next(starts), max_iterations)
+    for start in starts:
+        state = run_em(problem.workload, start, max_iterations)
+        best = state.where(state.objective > best.objective, best)
+    return _result(problem, best, status)
+
+
+def run_em(
+    workload: Workload, start: Components, max_iterations: int, clouds: Sequence[int] | None = None
+) -> EMState:
+    """EM until the gain is at most the tolerance, for all clouds or for these (host-known).
+
+    A cloud that has converged is frozen; when the frozen ones make up enough of the work, the others are repacked
+    without them. No iteration synchronises the device, except to look at convergence now and then.
+    """
+    everything = EMState.start(start)
+    members = [
+        b
+        for b in (range(workload.tiles.batch_size) if clouds is None else clouds)
+        if workload.tiles.counts[b] > 0
+    ]
+    if not members:
+        return everything
+    part, rows = workload.take(members), torch.tensor(members, device=start.weights.device)
+    state = everything.take(rows)
+    statistics = expectation(part.tiles, state.components, part.floor)
+    state = replace(state, objective=statistics.objective, log_likelihood=statistics.log_likelihood)
+    look_every = 1 if rows.device.type == "cpu" else _LOOK_EVERY
+    for iteration in range(max_iterations):
+        state, statistics = em_step(part, state, statistics)
+        if workload.tolerance is None or (iteration + 1) % look_every:
+            continue
+        running = [i for i, done in enumerate(state.converged.tolist()) if not done]
+        if sum(part.tiles.counts[i] for i in running) > _REPACK_BELOW * sum(part.tiles.counts):
+            continue
+        everything = everything.put(rows, _evaluated(part, state))
+        if not running:
+            return everything
+        kept = torch.tensor(running, device=rows.device)
+        part, rows, state = part.take(running), rows[kept], state.take(kept)
+        statistics = statistics.take(kept)
+    return everything.put(rows, _evaluated(part, state))
+
+
+def em_step(workload: Workload, state: EMState, statistics: Statistics) -> tuple[EMState, Statistics]:
+    """One M-step and the E-step that values it; clouds that have converged keep what they have."""
+    running = ~state.converged
+    proposal = maximization(statistics, state.components, workload)
+    components = proposal.where(running, state.components)
+    statistics = expectation(workload.tiles, components, workload.floor)
+    gain = torch.where(running, statistics.objective - state.objective, state.gain)
+    done = state.converged if workload.tolerance is None else gain <= workload.tolerance
+    state = EMState(
+        components=components,
+        objective=statistics.objective,
+        log_likelihood=statistics.log_likelihood,
+        gain=gain,
+        num_iterations=state.num_iterations + running,
+        converged=done,
+    )
+    return state, statistics
+
+
+def maximization(statistics: Statistics, previous: Components, workload: Workload) -> Components:
+    """M-step: the mixture that maximises the expected log-likelihood.
+
+    Components that explain nothing any more are dropped. A covariance that round-off left without a Cholesky factor
+    keeps its previous value, which can only make the step smaller.
+    """
+    counts = torch.where(
+        (previous.weights > 0) & (statistics.counts > workload.starved[:, None]), statistics.counts, 0.0
+    )
+    shift = statistics.first / torch.where(counts > 0, counts, 1.0)[..., None]
+    covariances = statistics.covariances()
+    trace = covariances.diagonal(dim1=-2, dim2=-1).sum(-1)  # (B, K)
+    identity = torch.eye(shift.shape[-1], dtype=shift.dtype, device=shift.device)
+    covariances = covariances + (workload.added[:, None] + _ROUND_OFF * trace)[..., None, None] * identity
+    factors, positive = linalg.safe_cholesky(covariances)
+    usable = (positive & (counts > 0))[..., None, None]
+    total = counts.sum(1, keepdim=True)
+    return Components(
+        weights=counts / torch.where(total > 0, total, 1.0),
+        means=torch.where(usable[..., 0], statistics.reference + shift, statistics.reference),
+        covariances=torch.where(usable, covariances, previous.covariances),
+        factors=torch.where(usable, factors, previous.factors),
+    )
+
+
+def final_status(problem: Problem, state: EMState, before: Sequence[Status], must_converge: bool) -> Tensor:
+    """Status (B,) int64: what stood in the way before EM, then the floor, then missing convergence."""
+    precision = state.components.precisions.diagonal(dim1=-2, dim2=-1).sum(-1)  # (B, K)
+    from_floor = problem.workload.added[:, None] * precision >= _AT_FLOOR
+    at_floor = (from_floor & (state.components.weights > 0)).any(1)
+    status = torch.where(at_floor, int(Status.FLOOR_REACHED), int(Status.OK))
+    if must_converge:
+        status = torch.where(state.converged, status, int(Status.NOT_CONVERGED))
+    known = torch.tensor([int(s) for s in before], device=status.device)
+    return torch.where(known == int(Status.OK), status, known)
+
+
+def _evaluated(workload: Workload, state: EMState) -> EMState:
+    """The state with its log-likelihood in float64, whatever the precision of the iterations."""
+    if workload.tiles.features.dtype == torch.float64:
+        return state
+    return replace(state, log_likelihood=log_likelihood(workload.tiles, state.components))
+
+
+def _result(problem: Problem, state: EMState, status: Sequence[Status]) -> EMResult:
+    """Bring a state back to the caller's units."""
+    normalized = problem.normalized
+    volume = normalized.clouds.total_weights * normalized.log_volume
+    return EMResult(
+        mixtures=mixtures_from_components(problem, state.components),
+        log_likelihood=state.log_likelihood - volume,
+        objective=state.objective - volume,
+        num_iterations=state.num_iterations,
+        converged=state.converged,
+        status=final_status(problem, state, status, problem.workload.tolerance is not None),
+    )

@@ -1,0 +1,79 @@
+"""Small symmetric matrices, many at a time, without synchronising the device."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+__all__ = [
+    "diagonal_positions",
+    "log_determinant",
+    "num_lifted",
+    "pack_symmetric",
+    "precision_matrix",
+    "safe_cholesky",
+    "triangle",
+    "unpack_symmetric",
+]
+
+
+def num_lifted(dim: int) -> int:
+    """Return the number of lifted features F = 1 + D + D (D + 1) / 2: also the parameters of one component."""
+    return 1 + dim + dim * (dim + 1) // 2
+
+
+@lru_cache(maxsize=32)
+def triangle(dim: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return rows a and columns b of the upper triangle a <= b, row by row."""
+    pairs = [(a, b) for a in range(dim) for b in range(a, dim)]
+    return tuple(a for a, _ in pairs), tuple(b for _, b in pairs)
+
+
+def diagonal_positions(dim: int) -> list[int]:
+    """Return where the diagonal lies in the packed upper triangle."""
+    rows, cols = triangle(dim)
+    return [i for i, (a, b) in enumerate(zip(rows, cols, strict=True)) if a == b]
+
+
+def pack_symmetric(matrices: Tensor) -> Tensor:
+    """Keep the upper triangle: (..., D, D) -> (..., D (D + 1) / 2)."""
+    dim = matrices.shape[-1]
+    rows, cols = triangle(dim)
+    positions = torch.tensor([a * dim + b for a, b in zip(rows, cols, strict=True)], device=matrices.device)
+    return matrices.flatten(-2).index_select(-1, positions)
+
+
+def unpack_symmetric(packed: Tensor, dim: int) -> Tensor:
+    """Fill both triangles: (..., D (D + 1) / 2) -> (..., D, D)."""
+    rows, cols = triangle(dim)
+    place = {(a, b): i for i, (a, b) in enumerate(zip(rows, cols, strict=True))}
+    positions = [place[min(a, b), max(a, b)] for a in range(dim) for b in range(dim)]
+    index = torch.tensor(positions, device=packed.device)
+    return packed.index_select(-1, index).unflatten(-1, (dim, dim))
+
+
+def safe_cholesky(matrices: Tensor) -> tuple[Tensor, Tensor]:
+    """Lower Cholesky factors, and whether each matrix has one; does not synchronise.
+
+    Args:
+        matrices: symmetric matrices (..., D, D).
+
+    Returns:
+        The factors (..., D, D), the identity where there is none, and the mask (...) bool of those that have one.
+    """
+    factor, info = torch.linalg.cholesky_ex(matrices)
+    positive = (info == 0) & torch.isfinite(factor).all(-1).all(-1)
+    identity = torch.eye(matrices.shape[-1], dtype=matrices.dtype, device=matrices.device)
+    return torch.where(positive[..., None, None], factor, identity), positive
+
+
+def log_determinant(factor: Tensor) -> Tensor:
+    """Log |S| from the Cholesky factor of S: (..., D, D) -> (...)."""
+    return 2.0 * factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+
+
+def precision_matrix(factor: Tensor) -> Tensor:
+    """S^-1 from the Cholesky factor of S: (..., D, D) -> (..., D, D)."""
+    return torch.cholesky_inverse(factor)

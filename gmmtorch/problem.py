@@ -1,0 +1,204 @@
+"""A batch prepared for EM: everything that stays the same while the mixtures change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from gmmtorch import linalg
+from gmmtorch.clouds import PointClouds
+from gmmtorch.components import Components
+from gmmtorch.errors import ArgumentError, ShapeError, Status
+from gmmtorch.initializers import initial_means
+from gmmtorch.mixtures import GaussianMixtures
+from gmmtorch.normalization import NormalizedClouds, normalize
+from gmmtorch.statistics import Tiles, expectation
+
+__all__ = [
+    "CovarianceFloor",
+    "Problem",
+    "Tolerance",
+    "Workload",
+    "components_from_mixtures",
+    "feasible_components",
+    "initial_components",
+    "mixtures_from_components",
+    "prepare",
+    "tolerances",
+]
+
+CovarianceFloor = Literal["model", "paper"]
+Tolerance = float | Literal["mdl"] | None
+
+_STARVED = 1e-6  # of the mean point weight: below it a component explains nothing and is dropped
+_PAPER_FLOOR = 1e-5  # of the mean variance, Bouman's constant
+_TINY_FLOOR = 1e-10
+
+
+@dataclass(frozen=True)
+class Workload:
+    """What an EM iteration reads.
+
+    Attributes:
+        tiles: the points in the layout of the kernel.
+        floor: standard deviation of the spread that belongs to every point (B,).
+        added: variance that the M-step adds to the covariances (B,): floor^2, but for the paper's floor.
+        starved: N_k below which a component is dropped (B,).
+        tolerance: gain at which EM stops (B,), nats; None for never.
+    """
+
+    tiles: Tiles
+    floor: Tensor
+    added: Tensor
+    starved: Tensor
+    tolerance: Tensor | None
+
+    def take(self, clouds: Sequence[int]) -> Workload:
+        """The part that belongs to these clouds (B',), known on the host; copies their points."""
+        if list(clouds) == list(range(self.tiles.batch_size)):
+            return self
+        rows = torch.tensor(clouds, device=self.floor.device)
+        tolerance = None if self.tolerance is None else self.tolerance[rows]
+        return Workload(
+            self.tiles.take(clouds), self.floor[rows], self.added[rows], self.starved[rows], tolerance
+        )
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A normalised batch, its workload, and the covariance of every whole cloud (B, D, D), floor included."""
+
+    normalized: NormalizedClouds
+    workload: Workload
+    covariance: Tensor
+
+
+def prepare(
+    clouds: PointClouds,
+    min_std: float | None,
+    relative_floor: float,
+    covariance_floor: CovarianceFloor,
+    tolerance: Tolerance,
+) -> Problem:
+    """Normalise, sort and tile a batch; synchronises the device.
+
+    Raises:
+        ArgumentError: if an option is out of range.
+    """
+    if covariance_floor not in ("model", "paper"):
+        raise ArgumentError(f"covariance_floor must be 'model' or 'paper', got {covariance_floor!r}")
+    if not relative_floor >= 0 or (min_std is not None and not min_std >= 0):
+        raise ArgumentError(f"relative_floor and min_std must be >= 0, got {relative_floor} and {min_std}")
+    normalized = normalize(clouds, min_std, relative_floor)
+    tiles = Tiles.build(normalized.clouds)
+    covariance = _total_covariance(tiles, clouds.dim)
+    floor, added = normalized.floor, normalized.floor.square()
+    if covariance_floor == "paper":
+        mean_variance = covariance.diagonal(dim1=1, dim2=2).mean(1)
+        floor, added = torch.zeros_like(floor), (_PAPER_FLOOR * mean_variance).clamp_min(_TINY_FLOOR**2)
+    identity = torch.eye(clouds.dim, dtype=torch.float64, device=clouds.device)
+    sizes = torch.tensor(normalized.clouds.sizes, device=clouds.device).clamp_min(1)
+    starved = _STARVED * normalized.clouds.total_weights / sizes
+    workload = Workload(tiles, floor, added, starved, _tolerances(normalized.clouds, tolerance))
+    return Problem(normalized, workload, covariance + added[:, None, None] * identity)
+
+
+def components_from_mixtures(problem: Problem, mixtures: GaussianMixtures) -> Components:
+    """Mixtures of the caller in normalised coordinates.
+
+    Raises:
+        ShapeError: if there is not one mixture per cloud.
+    """
+    normalized = problem.normalized
+    if mixtures.batch_size != normalized.clouds.batch_size or mixtures.dim != normalized.clouds.dim:
+        raise ShapeError(
+            f"expected {normalized.clouds.batch_size} mixtures of {normalized.clouds.dim} coordinates, one per "
+            f"cloud, got {mixtures.batch_size} of {mixtures.dim}"
+        )
+    scale = normalized.scale[:, None, None]
+    means = (mixtures.means - normalized.center[:, None]) / scale
+    return Components.create(mixtures.weights, means, mixtures.covariances / scale[..., None].square())
+
+
+def mixtures_from_components(problem: Problem, components: Components) -> GaussianMixtures:
+    """Components in the caller's units, those present first; none for clouds without points."""
+    packed = components.compact(components.weights.shape[1])
+    scale, center = problem.normalized.scale[:, None, None], problem.normalized.center[:, None]
+    has_points = torch.tensor(problem.normalized.clouds.sizes, device=scale.device) > 0
+    present = (packed.weights > 0) & has_points[:, None]
+    identity = torch.eye(center.shape[-1], dtype=center.dtype, device=center.device)
+    covariances = packed.covariances * scale[..., None].square()
+    return GaussianMixtures(
+        weights=torch.where(present, packed.weights, 0.0),
+        means=torch.where(present[..., None], packed.means * scale + center, 0.0),
+        covariances=torch.where(present[..., None, None], covariances, identity),
+        num_components=present.sum(1),
+    )
+
+
+def feasible_components(
+    problem: Problem, num_components: int | Sequence[int]
+) -> tuple[list[int], tuple[Status, ...]]:
+    """Components that each cloud can hold (B,), at most one per point, and what was in the way."""
+    sizes, status = problem.normalized.clouds.sizes, problem.normalized.status
+    wanted = (
+        [num_components] * len(sizes) if isinstance(num_components, int) else [int(k) for k in num_components]
+    )
+    if len(wanted) != len(sizes):
+        raise ShapeError(
+            f"expected one number of components or {len(sizes)}, one per cloud, got {len(wanted)}"
+        )
+    if min(wanted) < 1:
+        raise ArgumentError(f"every cloud needs at least 1 component, got {min(wanted)}")
+    held = [
+        1 if s is Status.IDENTICAL_POINTS else min(k, n)
+        for k, n, s in zip(wanted, sizes, status, strict=True)
+    ]
+    outcome = tuple(
+        Status.FEWER_POINTS_THAN_COMPONENTS if s is Status.OK and h < k else s
+        for s, h, k in zip(status, held, wanted, strict=True)
+    )
+    return held, outcome
+
+
+def initial_components(
+    problem: Problem, num_components: Sequence[int], initializer: str, seed: int, initialization: int
+) -> Components:
+    """Equal weights, the initialiser's means, the covariance of the whole cloud (section 2.3)."""
+    clouds = problem.normalized.clouds
+    slots = max(1, *num_components)
+    counts = torch.tensor(num_components, device=clouds.device)[:, None]
+    present = torch.arange(slots, device=clouds.device) < counts
+    means = clouds.points.new_zeros(clouds.batch_size, slots, clouds.dim)
+    if max(num_components) > 0:
+        means = initial_means(initializer, clouds, num_components, seed, initialization)
+    weights = present / counts.clamp_min(1).double()
+    covariances = problem.covariance[:, None].expand(-1, slots, -1, -1)
+    return Components.create(weights, means, covariances)
+
+
+def _tolerances(clouds: PointClouds, tolerance: Tolerance) -> Tensor | None:
+    """Gain in nats at which EM stops (B,); None for never."""
+    if tolerance is None:
+        return None
+    total = clouds.total_weights
+    if tolerance == "mdl":
+        return 0.01 * linalg.num_lifted(clouds.dim) * (total * clouds.dim).clamp_min(1.0).log()
+    if not isinstance(tolerance, int | float) or math.isnan(tolerance):
+        raise ArgumentError(f"tolerance must be a number of nats, 'mdl' or None, got {tolerance!r}")
+    return torch.full_like(total, float(tolerance))
+
+
+def _total_covariance(tiles: Tiles, dim: int) -> Tensor:
+    """Covariance of every whole cloud, spreads included (B, D, D): the statistics of a single component."""
+    batch = tiles.batch_size
+    like = {"dtype": torch.float64, "device": tiles.owner.device}
+    identity = torch.eye(dim, **like).expand(batch, 1, dim, dim)
+    single = Components(torch.ones(batch, 1, **like), torch.zeros(batch, 1, dim, **like), identity, identity)
+    statistics = expectation(tiles, single, torch.zeros(batch, **like))
+    return statistics.covariances()[:, 0]

@@ -1,0 +1,219 @@
+"""The order search of Algorithm 1: from K_max components down to one, for a whole batch in step.
+
+Each round fits by EM, values the mixture by the criterion, and joins the two components whose union costs least. Every
+order is visited and the best one kept; ties keep the larger order. A cloud whose K_max is smaller than the others'
+waits until the round of its order, so that the component axis is as long as the round's order and no longer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from gmmtorch.clouds import PointClouds
+from gmmtorch.components import Components
+from gmmtorch.criteria import Criterion, criterion_named
+from gmmtorch.em import EMState, final_status, run_em
+from gmmtorch.errors import ArgumentError, Status
+from gmmtorch.merging import merge_closest_pair
+from gmmtorch.mixtures import GaussianMixtures
+from gmmtorch.problem import (
+    CovarianceFloor,
+    Problem,
+    feasible_components,
+    initial_components,
+    mixtures_from_components,
+    prepare,
+)
+
+__all__ = ["FitResult", "description_length", "fit_mdl"]
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """Mixtures whose order was chosen.
+
+    Attributes:
+        mixtures: the best mixture of every cloud.
+        mdl: its description length (B,) float64, nats, in the caller's units; 0 for a cloud without a mixture.
+        mdl_path: description length at every order k in column k - 1 (B, K_max), NaN where k was not reached.
+        log_likelihood: total weighted log-likelihood of the best mixture (B,), nats.
+        status: `Status` of every cloud (B,) int64.
+        num_iterations: M-steps made in all rounds of the best initialisation (B,) int64.
+        path: mixtures of every order, `path[k - 1]`, empty where k was not reached; None unless asked for.
+    """
+
+    mixtures: GaussianMixtures
+    mdl: Tensor
+    mdl_path: Tensor
+    log_likelihood: Tensor
+    status: Tensor
+    num_iterations: Tensor
+    path: tuple[GaussianMixtures, ...] | None = None
+
+
+@dataclass
+class _Search:
+    """What one initialisation has found so far: the best state, and the whole path."""
+
+    best: EMState
+    mdl: Tensor  # (B,)
+    mdl_path: Tensor  # (B, K_max)
+    num_iterations: Tensor  # (B,)
+    path: list[Components] | None
+
+
+@torch.no_grad()
+def fit_mdl(
+    clouds: PointClouds,
+    max_components: int | Sequence[int] = 20,
+    *,
+    seed: int = 0,
+    n_init: int = 1,
+    initializer: str = "evenly_spaced",
+    criterion: str = "mdl",
+    max_iterations: int = 100,
+    min_std: float | None = None,
+    relative_floor: float = 1e-4,
+    covariance_floor: CovarianceFloor = "model",
+    return_path: bool = False,
+) -> FitResult:
+    """Fit a mixture to every cloud and choose its order (Algorithm 1).
+
+    Args:
+        clouds: the batch.
+        max_components: K_max, one number or one per cloud.
+        seed: of the random initialisers.
+        n_init: initialisations of every cloud; the shortest description is kept.
+        initializer: name of an initialiser of `gmmtorch.INITIALIZERS`.
+        criterion: "mdl" (eq. 6), "bic", or "mml" (Figueiredo & Jain 2002).
+        max_iterations: M-steps at most at each order; EM stops before when it gains at most
+            0.01 (1 + D + D (D + 1) / 2) log(N D) nats.
+        min_std: covariance floor as a standard deviation, m.
+        relative_floor: covariance floor in units of the cloud's robust extent.
+        covariance_floor: "model" or "paper", as in `fit_em`.
+        return_path: also return the mixtures of all orders.
+
+    Raises:
+        ArgumentError: if an option is out of range.
+        ShapeError: if `max_components` does not fit the batch.
+    """
+    if max_iterations < 1 or n_init < 1:
+        raise ArgumentError(f"max_iterations and n_init must be >= 1, got {max_iterations} and {n_init}")
+    value = criterion_named(criterion)
+    problem = prepare(clouds, min_std, relative_floor, covariance_floor, "mdl")
+    held, before = feasible_components(problem, max_components)
+    found: _Search | None = None
+    for i in range(n_init):
+        start = initial_components(problem, held, initializer, seed, i)
+        search = _search(problem, start, held, value, max_iterations, return_path)
+        found = search if found is None else _better(search, found)
+    assert found is not None
+    longest = max_components if isinstance(max_components, int) else max(max_components)
+    return _result(problem, found, before, longest)
+
+
+@torch.no_grad()
+def description_length(mixtures: GaussianMixtures, clouds: PointClouds, criterion: str = "mdl") -> Tensor:
+    """Description length of given mixtures (B,), nats: eq. 6, or another criterion."""
+    per_point = clouds.split(mixtures.log_prob(clouds) * clouds.weights)
+    log_likelihood = torch.stack([v.sum() for v in per_point])
+    return criterion_named(criterion)(log_likelihood, mixtures.weights, clouds.total_weights, clouds.dim)
+
+
+def _search(
+    problem: Problem,
+    start: Components,
+    orders: Sequence[int],
+    criterion: Criterion,
+    max_iterations: int,
+    keep_path: bool,
+) -> _Search:
+    """Algorithm 1 from given components, for clouds that start with `orders` (B,) of them."""
+    total, dim = problem.normalized.clouds.total_weights, problem.normalized.clouds.dim
+    volume = total * problem.normalized.log_volume
+    slots = start.weights.shape[1]
+    found = _Search(
+        EMState.start(start),
+        torch.full_like(total, torch.inf),
+        total.new_full((len(orders), slots), torch.nan),
+        torch.zeros_like(total, dtype=torch.int64),
+        [start.absent()] * slots if keep_path else None,
+    )
+    orders, valued, components = list(orders), [False] * len(orders), start
+    for order in range(slots, 0, -1):
+        # EM_algorithm(k, Y, theta): lines 3 and 10
+        members = [b for b, k in enumerate(orders) if k == order and not valued[b]]
+        if members:
+            state = run_em(problem.workload, components, max_iterations, members)
+            components = state.components
+            orders = components.num_components.tolist()
+            mdl = criterion(state.log_likelihood - volume, components.weights, total, dim)
+            _record(found, state, mdl, members, orders)
+            valued = [v or b in members for b, v in enumerate(valued)]
+        # Resize(theta): lines 8 and 9; a cloud that lost components on the way waits for the round of its order
+        shrinking = [k == order > 1 and v for k, v in zip(orders, valued, strict=True)]
+        if order > 1:
+            mask = torch.tensor(shrinking, device=total.device)
+            components = merge_closest_pair(components, total, mask).compact(order - 1)
+            orders = [k - s for k, s in zip(orders, shrinking, strict=True)]
+            valued = [v and not s for v, s in zip(valued, shrinking, strict=True)]
+    return found
+
+
+def _record(
+    found: _Search, state: EMState, mdl: Tensor, members: Sequence[int], orders: Sequence[int]
+) -> None:
+    """Note the description lengths of a round, and keep the best mixtures (lines 12-16)."""
+    slots = found.mdl_path.shape[1]
+    fitted = torch.tensor([b in members for b in range(len(orders))], device=mdl.device)
+    fitted &= torch.tensor([k > 0 for k in orders], device=mdl.device)
+    column = torch.tensor(orders, device=mdl.device)[:, None] - 1
+    here = (torch.arange(slots, device=mdl.device) == column) & fitted[:, None]
+    found.mdl_path = torch.where(here, mdl[:, None], found.mdl_path)
+    found.num_iterations = found.num_iterations + torch.where(fitted, state.num_iterations, 0)
+    components = state.components.pad(slots)
+    if found.path is not None:
+        found.path = [components.where(here[:, k], kept) for k, kept in enumerate(found.path)]
+    better = fitted & (mdl < found.mdl)
+    found.best = EMState(components, *state.per_cloud()).where(better, found.best)
+    found.mdl = torch.where(better, mdl, found.mdl)
+
+
+def _better(new: _Search, old: _Search) -> _Search:
+    """Keep, cloud by cloud, the search that found the shorter description; the old one when equal."""
+    better = new.mdl < old.mdl
+    path = None
+    if new.path is not None and old.path is not None:
+        path = [a.where(better, b) for a, b in zip(new.path, old.path, strict=True)]
+    return _Search(
+        best=new.best.where(better, old.best),
+        mdl=torch.where(better, new.mdl, old.mdl),
+        mdl_path=torch.where(better[:, None], new.mdl_path, old.mdl_path),
+        num_iterations=torch.where(better, new.num_iterations, old.num_iterations),
+        path=path,
+    )
+
+
+def _result(problem: Problem, found: _Search, before: Sequence[Status], longest: int) -> FitResult:
+    """Bring what was found back to the caller's units."""
+    total = problem.normalized.clouds.total_weights
+    fitted = found.mdl.isfinite()
+    missing = longest - found.mdl_path.shape[1]
+    path = None
+    if found.path is not None:
+        padded = [mixtures_from_components(problem, c) for c in found.path]
+        path = (*padded, *[mixtures_from_components(problem, found.path[0].absent())] * missing)
+    log_likelihood = found.best.log_likelihood - total * problem.normalized.log_volume
+    return FitResult(
+        mixtures=mixtures_from_components(problem, found.best.components).trim(),
+        mdl=torch.where(fitted, found.mdl, 0.0),
+        mdl_path=torch.nn.functional.pad(found.mdl_path, (0, missing), value=torch.nan),
+        log_likelihood=torch.where(fitted, log_likelihood, 0.0),
+        status=final_status(problem, found.best, before, True),
+        num_iterations=found.num_iterations,
+        path=path,
+    )
