@@ -58,18 +58,8 @@ def read_ply(path: Path) -> Scan:
     content = path.read_bytes()
     header = _parse_header(content, path)
     before, vertex = _find_vertex(header, path)
-    if header.encoding == "ascii":
-        first_line = header.num_lines + 1 + sum(element.count for element in before)
-        table = read_table(path, first_line, vertex.count)
-        names = [name for name, _ in vertex.fields]
-        if table.shape[1] != len(names):
-            raise InputError(
-                f"{path}, line {first_line}: the header announces {len(names)} properties per vertex, "
-                f"found {table.shape[1]} numbers."
-            )
-        return scan_from_columns(dict(zip(names, table.T, strict=True)), path)
-    rows = _binary_rows(content, header, before, vertex, path)
-    return scan_from_columns({name: rows[name] for name, _ in vertex.fields}, path)
+    read_columns = _ascii if header.encoding == "ascii" else _binary
+    return scan_from_columns(read_columns(content, header, before, vertex, path), path)
 
 
 def write_ply(path: str | Path, points: ArrayLike, **vertex_properties: ArrayLike) -> None:
@@ -161,16 +151,33 @@ def _find_vertex(header: _Header, path: Path) -> tuple[tuple[_Element, ...], _El
     return before, vertex
 
 
-def _binary_rows(
+def _ascii(
     content: bytes, header: _Header, before: tuple[_Element, ...], vertex: _Element, path: Path
-) -> NDArray[np.void]:
+) -> dict[str, NDArray[np.generic]]:
+    first_line = header.num_lines + 1 + sum(element.count for element in before)
+    table = read_table(path, first_line, vertex.count)
+    names = [name for name, _ in vertex.fields]
+    if table.shape[1] != len(names):
+        raise InputError(
+            f"{path}, line {first_line}: the header announces {len(names)} properties per vertex, "
+            f"found {table.shape[1]} numbers."
+        )
+    return dict(zip(names, table.T, strict=True))
+
+
+def _binary(
+    content: bytes, header: _Header, before: tuple[_Element, ...], vertex: _Element, path: Path
+) -> dict[str, NDArray[np.generic]]:
     order = BYTE_ORDERS[header.encoding]
     offset = header.num_bytes + sum(element.count * _row_type(element, order).itemsize for element in before)
     row_type = _row_type(vertex, order)
+    if row_type.itemsize == 0:
+        return {}
     found = max(len(content) - offset, 0) // row_type.itemsize
     if found < vertex.count:
         raise cut_short(path, vertex.count, found)
-    return np.frombuffer(content, row_type, vertex.count, offset)
+    rows = np.frombuffer(content, row_type, vertex.count, offset)
+    return {name: rows[name] for name, _ in vertex.fields}
 
 
 def _row_type(element: _Element, order: str) -> np.dtype[np.void]:

@@ -177,7 +177,8 @@ def test_pcd_padding_counts_and_order_of_fields_are_understood(tmp_path):
 def test_ply_with_mixed_types_windows_line_ends_other_elements_and_faces(tmp_path):
     header = (
         "ply\r\nformat binary_little_endian 1.0\r\nelement camera 2\r\nproperty float f\r\n"
-        "element vertex 4\r\nproperty uchar red\r\nproperty float z\r\nproperty float y\r\nproperty double x\r\n"
+        "element vertex 4\r\nproperty uchar red\r\nproperty float z\r\nproperty float y\r\n"
+        "property double x\r\n"
         "element face 1\r\nproperty list uchar int vertex_indices\r\nend_header\r\n"
     )
     x, y, z = XYZ
@@ -279,6 +280,30 @@ def test_a_file_cut_short_is_never_read_as_a_smaller_scan(tmp_path, rng, share):
         file.write_bytes(content[: int(share * len(content))])
         with pytest.raises(InputError, match=r"cut short|damaged|expected .* columns"):
             read_scan(file)
+
+
+@pytest.mark.parametrize("extension", [".ply", ".pcd", ".npy", ".npz", ".xyz", ".pts", ".csv"])
+def test_any_damage_gives_a_scan_or_an_input_error(tmp_path, rng, extension):
+    outcomes = set()
+    for file in [file for file in write_every_format(tmp_path) if file.suffix == extension]:
+        content = bytearray(file.read_bytes())
+        for _ in range(60):
+            damaged = content.copy()
+            damaged[rng.integers(len(content))] = rng.integers(256)
+            file.write_bytes(damaged)
+            outcomes.add(outcome_of_reading(file))
+    assert outcomes <= {"scan", "input error"}
+    assert "input error" in outcomes
+
+
+def outcome_of_reading(file):
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            read_scan(file)
+    except InputError:
+        return "input error"
+    return "scan"
 
 
 def test_points_that_are_not_coordinates_are_refused(tmp_path):
