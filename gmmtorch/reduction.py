@@ -54,6 +54,19 @@ class FitResult:
     num_iterations: Tensor
     path: tuple[GaussianMixtures, ...] | None = None
 
+    def select(self, indices: Sequence[int]) -> FitResult:
+        """Return the fits of these clouds, in this order; an index may repeat."""
+        rows = torch.tensor(list(indices), dtype=torch.long, device=self.mdl.device)
+        return FitResult(
+            mixtures=self.mixtures.select(indices),
+            mdl=self.mdl[rows],
+            mdl_path=self.mdl_path[rows],
+            log_likelihood=self.log_likelihood[rows],
+            status=self.status[rows],
+            num_iterations=self.num_iterations[rows],
+            path=None if self.path is None else tuple(mixtures.select(indices) for mixtures in self.path),
+        )
+
 
 @dataclass
 class _Search:
