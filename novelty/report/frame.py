@@ -87,7 +87,7 @@ class Frame:
         }
 
     def _camera(self, ratio: NDArray[np.float64]) -> dict[str, Any]:
-        distance = 1.0 * float(np.linalg.norm(ratio))
+        distance = 1.12 * float(np.linalg.norm(ratio))
         if self.depth_camera:
             eye, up = np.array([0.25, -0.35, -1.0]), (0.0, -1.0, 0.0)
         else:

@@ -228,7 +228,7 @@ def _wrapped(sentence: str, width: int = 60) -> str:
     return "<br>".join(textwrap.wrap(sentence, width))
 
 
-def _unit_sphere(rings: int = 9, sectors: int = 18) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _unit_sphere(rings: int = 12, sectors: int = 28) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices (V, 3) and triangles (T, 3) of a sphere of radius 1."""
     polar = np.linspace(0, math.pi, rings + 1)[:, None]
     around = np.linspace(0, 2 * math.pi, sectors, endpoint=False)[None, :]

@@ -10,28 +10,34 @@
   const cssColour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
   // Colours follow the page: light, dark, or paper.
-  const flatTheme = () => ({
-    "font.color": cssColour("--quiet"), paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-    "xaxis.gridcolor": cssColour("--line"), "yaxis.gridcolor": cssColour("--line"),
-    "xaxis.zeroline": false, "yaxis.zeroline": false,
+  const common = () => ({
+    "font.color": cssColour("--quiet"), "font.family": getComputedStyle(document.body).fontFamily,
+    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
   });
-  const sceneTheme = () => {
-    const theme = { "font.color": cssColour("--quiet"), paper_bgcolor: "rgba(0,0,0,0)" };
-    for (const axis of ["xaxis", "yaxis", "zaxis"]) {
-      theme[`scene.${axis}.gridcolor`] = cssColour("--line");
-      theme[`scene.${axis}.zerolinecolor`] = cssColour("--line");
-    }
-    return theme;
-  };
+  const gridOf = (prefix, axes) => Object.fromEntries(axes.flatMap((axis) => [
+    [`${prefix}${axis}.gridcolor`, cssColour("--line")], [`${prefix}${axis}.zerolinecolor`, cssColour("--line")],
+  ]));
+  const sceneTheme = () => ({ ...common(), ...gridOf("scene.", ["xaxis", "yaxis", "zaxis"]) });
+  const flatTheme = () => ({ ...common(), ...gridOf("", ["xaxis", "yaxis"]) });
 
   // The scene above a height is cut by the range of that axis; the box shrinks with it, so scales stay equal.
   const cutLayout = (fraction) => {
     const [low, high] = frame.heights;
-    const top = low + fraction * (high - low);
+    const top = low + Math.max(fraction, 0.01) * (high - low);
     const span = frame.fullRange[1] - frame.fullRange[0];
     const range = frame.upSign > 0 ? [frame.fullRange[0], top] : [-top, frame.fullRange[1]];
-    const ratio = frame.ratio[height[0]] * Math.max(range[1] - range[0], span / 100) / span;
+    const ratio = frame.ratio[height[0]] * (range[1] - range[0]) / span;
     return { [`scene.${height}.range`]: range, [`scene.aspectratio.${height[0]}`]: ratio };
+  };
+
+  // Writes dotted keys into a layout before it is drawn, so that the first drawing is the only one.
+  const withKeys = (layout, keys) => {
+    for (const [dotted, value] of Object.entries(keys)) {
+      const parts = dotted.split(".");
+      const leaf = parts.pop();
+      parts.reduce((place, part) => (place[part] ??= {}), layout)[leaf] = value;
+    }
+    return layout;
   };
 
   const slider = document.getElementById("top");
@@ -75,12 +81,20 @@
 
   const start = async () => {
     slider.value = Math.ceil(100 * frame.top);
-    await Promise.all(scenes.map((kind, place) =>
-      Plotly.newPlot(views[place], figures[kind].data, figures[kind].layout, config)));
-    if (figures.mdl) await Plotly.newPlot("view-mdl", figures.mdl.data, figures.mdl.layout, { ...config, scrollZoom: false });
-    repaint();
-    const cut = () => { sayTop(); views.forEach((view) => Plotly.relayout(view, cutLayout(slider.value / 100))); };
-    cut();
+    sayTop();
+    await Promise.all(scenes.map((kind, place) => {
+      const { data, layout } = figures[kind];
+      const keys = { ...sceneTheme(), ...cutLayout(slider.value / 100) };
+      return Plotly.newPlot(views[place], data, withKeys(layout, keys), config);
+    }));
+    if (figures.mdl) {
+      const { data, layout } = figures.mdl;
+      await Plotly.newPlot("view-mdl", data, withKeys(layout, flatTheme()), { ...config, scrollZoom: false });
+    }
+    const cut = () => {
+      sayTop();
+      views.forEach((view) => Plotly.relayout(view, cutLayout(slider.value / 100)));
+    };
     slider.addEventListener("input", cut);
     for (const button of document.querySelectorAll("[data-layers]")) {
       button.addEventListener("click", () => showLayers(button.dataset.layers.split(" ")));
