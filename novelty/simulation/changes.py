@@ -18,7 +18,7 @@ CLEARANCE = 0.08
 """Free space kept round a new object, m."""
 
 Change = Callable[[Scene, World, np.random.Generator, float | None], World]
-"""Takes the scene, the world so far, a generator and the size of a new object (m, None: the usual one); gives the new world."""
+"""From the scene, the world so far, a generator and a size (m; None: the usual one) to the new world."""
 
 
 def add_person(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
@@ -47,7 +47,9 @@ def open_door(scene: Scene, world: World, rng: np.random.Generator, size: float 
     if not closed:
         raise InputError(f"The scene {scene.name!r} has no closed door left to open.")
     focus = ahead(scene.viewpoint, 3.0)
-    nearest = min(closed, key=lambda name: float(np.linalg.norm(world.bodies[name].vertices.mean(axis=0) - focus)))
+    nearest = min(
+        closed, key=lambda name: float(np.linalg.norm(world.bodies[name].vertices.mean(axis=0) - focus))
+    )
     return world.move(nearest, scene.open_doors[nearest])
 
 
@@ -111,12 +113,14 @@ def apply_changes(
 
 def _insert(scene: Scene, world: World, name: str, mesh: Mesh, rng: np.random.Generator) -> World:
     number = 1 + sum(other.split(" ")[0] == name for other in world.bodies)
-    pose = _free_spot(scene, world, mesh, rng, near=ahead(scene.viewpoint, 2.8), reach=2.2)
-    if pose is None:
-        raise InputError(
-            f"No free and visible spot for a {name} in the scene {scene.name!r}; use a smaller object or another seed."
-        )
-    return world.add(f"{name} {number}", mesh, pose)
+    for reach in (2.2, 5.0):  # near what the sensor looks at, else anywhere
+        pose = _free_spot(scene, world, mesh, rng, near=ahead(scene.viewpoint, 2.8), reach=reach)
+        if pose is not None:
+            return world.add(f"{name} {number}", mesh, pose)
+    raise InputError(
+        f"No free and visible spot for a {name} in the scene {scene.name!r}; "
+        "use a smaller object or another seed."
+    )
 
 
 def _movable(scene: Scene, world: World) -> list[str]:
@@ -125,14 +129,15 @@ def _movable(scene: Scene, world: World) -> list[str]:
     return [
         name
         for name in present
-        if world.bodies[name].pose is scene.world.bodies[name].pose and abs(world.bodies[name].pose[2, 3]) < 0.01
+        if world.bodies[name].pose is scene.world.bodies[name].pose
+        and abs(world.bodies[name].pose[2, 3]) < 0.01
     ]
 
 
 def _free_spot(
-    scene: Scene, world: World, mesh: Mesh, rng: np.random.Generator, near: FloatArray, reach: float
+    scene: Scene, world: World, mesh: Mesh, rng: np.random.Generator, *, near: FloatArray, reach: float
 ) -> FloatArray | None:
-    """A pose (4, 4) on the floor, within `reach` of `near`, that touches nothing and is seen from the viewpoint; or None."""
+    """A pose (4, 4) on the floor near a point, touching nothing and seen from the viewpoint; None if there is none."""
     radius = float(np.linalg.norm(mesh.vertices[:, :2], axis=1).max()) + CLEARANCE
     low = np.maximum(scene.floor[0] + radius - CLEARANCE, near[:2] - reach)
     high = np.minimum(scene.floor[1] - radius + CLEARANCE, near[:2] + reach)

@@ -1,4 +1,4 @@
-"""Things that stand in buildings, and people. Each mesh stands on z = 0 at the origin and faces +x. Lengths in metres."""
+"""Things that stand in buildings, and people: meshes on z = 0 at the origin that face +x. Lengths in metres."""
 
 from __future__ import annotations
 
@@ -100,7 +100,9 @@ def office_chair() -> Mesh:
     return join([block(0.48, 0.48, 0.07, 0.45), back, *arms, *column, *feet])
 
 
-def shelf(width: float = 1.0, depth: float = 0.32, height: float = 1.9, boards: int = 5, seed: int = 0) -> Mesh:
+def shelf(
+    width: float = 1.0, depth: float = 0.32, height: float = 1.9, boards: int = 5, seed: int = 0
+) -> Mesh:
     """An open shelf with books; it faces +x with its back at x = 0."""
     rng = np.random.default_rng(seed)
     sides = [box((0, y - 0.01, 0), (depth, y + 0.01, height)) for y in (-width / 2, width / 2)]
@@ -124,7 +126,9 @@ def _books(width: float, depth: float, base: float, rng: np.random.Generator) ->
 
 def cabinet(width: float = 0.9, depth: float = 0.45, height: float = 1.2) -> Mesh:
     """A closed cabinet with two handles on a plinth; it faces +x with its back at x = 0."""
-    handles = [box((depth, y - 0.01, height * 0.5), (depth + 0.03, y + 0.01, height * 0.62)) for y in (-0.05, 0.05)]
+    handles = [
+        box((depth, y - 0.01, height * 0.5), (depth + 0.03, y + 0.01, height * 0.62)) for y in (-0.05, 0.05)
+    ]
     plinth = box((0.02, -width / 2 + 0.02, 0), (depth - 0.03, width / 2 - 0.02, 0.08))
     return join([box((0, -width / 2, 0.08), (depth, width / 2, height)), plinth, *handles])
 
@@ -139,13 +143,23 @@ def sofa(width: float = 1.8) -> Mesh:
     """A sofa that faces +x with its back at x = 0."""
     arms = [box((0, y - 0.1, 0.05), (0.85, y + 0.1, 0.6)) for y in (-width / 2 + 0.1, width / 2 - 0.1)]
     return join(
-        [box((0.02, -width / 2, 0.05), (0.83, width / 2, 0.42)), box((0, -width / 2, 0.05), (0.22, width / 2, 0.82)), *arms]
+        [
+            box((0.02, -width / 2, 0.05), (0.83, width / 2, 0.42)),
+            box((0, -width / 2, 0.05), (0.22, width / 2, 0.82)),
+            *arms,
+        ]
     )
 
 
 def monitor() -> Mesh:
     """A computer screen on its foot; it faces +x."""
-    return join([block(0.2, 0.26, 0.015), box((-0.02, -0.03, 0), (0.0, 0.03, 0.2)), box((0, -0.28, 0.12), (0.03, 0.28, 0.46))])
+    return join(
+        [
+            block(0.2, 0.26, 0.015),
+            box((-0.02, -0.03, 0), (0.0, 0.03, 0.2)),
+            box((0, -0.28, 0.12), (0.03, 0.28, 0.46)),
+        ]
+    )
 
 
 def plant(height: float = 1.2, seed: int = 0) -> Mesh:
@@ -155,7 +169,7 @@ def plant(height: float = 1.2, seed: int = 0) -> Mesh:
     for _ in range(45):
         angle, reach = rng.uniform(0, 2 * np.pi), rng.uniform(0.1, 0.34)
         root = np.array([0, 0, rng.uniform(0.35, 0.6) * height])
-        tip = root + (reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.4) * height)
+        tip = root + np.array([reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.4) * height])
         leaves.append(capsule(root, tip, 0.008, rng.uniform(0.02, 0.05), sides=8))
     return join([cylinder(0.16, 0.34), *leaves])
 
@@ -168,14 +182,15 @@ def waste_bin(radius: float = 0.15, height: float = 0.6) -> Mesh:
 def radiator(length: float = 1.1, height: float = 0.6) -> Mesh:
     """A ribbed radiator along y; its back is at x = 0."""
     ribs = [
-        box((0.03, y, 0.12), (0.11, y + 0.035, 0.12 + height)) for y in np.arange(-length / 2, length / 2 - 0.03, 0.06)
+        box((0.03, y, 0.12), (0.11, y + 0.035, 0.12 + height))
+        for y in np.arange(-length / 2, length / 2 - 0.03, 0.06)
     ]
     pipes = [pipe((0.07, -length / 2, z), (0.07, length / 2, z), 0.015) for z in (0.14, 0.1 + height)]
     return join([*ribs, *pipes])
 
 
 def door_leaf(width: float = 0.9, height: float = 2.03, thickness: float = 0.04) -> Mesh:
-    """A door leaf along +x from its hinge at the origin, with handles on both sides; its front is y = 0, its body y > 0."""
+    """A door leaf with handles, along +x from its hinge at the origin; its front is y = 0, its body y > 0."""
     handles = [
         box((width - 0.17, y, 1.03), (width - 0.05, y + 0.025, 1.06)) for y in (-0.055, thickness + 0.03)
     ] + [box((width - 0.07, -0.055, 1.035), (width - 0.05, thickness + 0.055, 1.055))]
@@ -183,9 +198,12 @@ def door_leaf(width: float = 0.9, height: float = 2.03, thickness: float = 0.04)
 
 
 def door_frame(width: float = 0.9, height: float = 2.05, depth: float = 0.12) -> Mesh:
-    """The frame round a door opening that starts at the origin along +x; it stands 1 cm proud of a wall with y from 0 to `depth`."""
+    """The frame of a door opening along +x from the origin, 1 cm proud of a wall with y from 0 to `depth`."""
     low, high = -0.01, depth + 0.01
-    posts = [box((-0.06, low, 0), (0.0, high, height + 0.06)), box((width, low, 0), (width + 0.06, high, height + 0.06))]
+    posts = [
+        box((-0.06, low, 0), (0.0, high, height + 0.06)),
+        box((width, low, 0), (width + 0.06, high, height + 0.06)),
+    ]
     return join([*posts, box((0, low, height), (width, high, height + 0.06))])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,8 +27,9 @@ class Measurement:
         sensor: What scanned it.
         poses: (S, 4, 4), where the sensor really stood, one per sweep.
         points: (N, 3), m, as the sensor reports them, in scan order.
-        origins: (N, 3), m, where each ray started.
-        surface: (N, 3), m, the point of the surface that each ray hit, without noise.
+        sweeps: (N,), the pose from which each point was measured.
+        directions: float32 (N, 3), unit vectors of the rays.
+        ranges: float32 (N,), m, the distance that a perfect sensor would have read.
         bodies: int32 (N,), the object that was hit, a position in `scene.names`.
         mixed: bool (N,), whether the reading lies between two surfaces.
     """
@@ -36,10 +38,21 @@ class Measurement:
     sensor: Sensor
     poses: FloatArray
     points: FloatArray
-    origins: FloatArray
-    surface: FloatArray
+    sweeps: NDArray[np.intp]
+    directions: NDArray[np.float32]
+    ranges: NDArray[np.float32]
     bodies: NDArray[np.int32]
     mixed: NDArray[np.bool_]
+
+    @property
+    def origins(self) -> FloatArray:
+        """(N, 3), m, where each ray started."""
+        return self.poses[self.sweeps, :3, 3]
+
+    @cached_property
+    def surface(self) -> FloatArray:
+        """(N, 3), m, the point of the surface that each ray hit, without noise."""
+        return _along(self.poses, self.sweeps, self.directions, self.ranges)
 
     def scan(self, labels: NDArray[np.uint8] | None = None, name: str = "") -> Scan:
         """The scan that a detector is given."""
@@ -51,9 +64,9 @@ def simulate(world: World, sensor: str | Sensor, pose: ArrayLike, seed: int = 0)
     """Scan a world.
 
     Args:
-        world: Any world: one of `novelty.simulation.scenes`, or own meshes (`World().add("hall", load_mesh("hall.obj"))`).
+        world: Any world: that of a scene, or own meshes (`World().add("hall", load_mesh("hall.obj"))`).
         sensor: A sensor or its name in `SENSORS`.
-        pose: Where it stands: a position (3,) or a pose (4, 4); (S, 3) or (S, 4, 4) for several sweeps in one scan.
+        pose: Where it stands: a position (3,) or a pose (4, 4); (S, 3) or (S, 4, 4) for several sweeps.
         seed: Of noise and lost returns; the same seed gives the same scan.
 
     Returns:
@@ -70,45 +83,51 @@ def as_poses(value: ArrayLike) -> FloatArray:
 
 
 def measure(scene: RayScene, sensor: Sensor, poses: FloatArray, rng: np.random.Generator) -> Measurement:
-    """Scan `scene` with one sweep at each of `poses` (S, 4, 4).
-
-    The readings are reported at the true poses; see `Measurement.points`.
-    """
+    """Scan `scene` with one sweep at each of `poses` (S, 4, 4); the same state of `rng` gives the same scan."""
     local = sensor.pattern.directions()  # (lines, rays, 3)
-    directions = np.concatenate([local.reshape(-1, 3) @ pose[:3, :3].T.astype(np.float32) for pose in poses])
-    starts = np.repeat(poses[:, :3, 3], local.shape[0] * local.shape[1], axis=0)
-    hits = scene.cast(starts, directions)
-    returned = _returned(scene, sensor, poses, starts, directions, hits, rng)
+    turns = poses[:, None, :3, :3].transpose(0, 1, 3, 2).astype(np.float32)
+    directions = np.matmul(local, turns)  # (S, lines, rays, 3)
+    grid = directions.shape[:3]
+    hits = scene.cast(poses[:, None, None, :3, 3], directions)
+    returned = _returned(scene, sensor, hits, rng)
     read = _read(sensor, np.tile(local[..., 0].ravel(), len(poses)), hits.ranges, rng)
-    mixed = _mix(sensor, read, hits, (len(poses), *local.shape[:2]), rng)
+    mixed = _mix(sensor, read, hits, grid, rng)
     kept = np.flatnonzero(returned)
-    origins, rays = starts[kept], directions[kept].astype(np.float64)
-    return Measurement(
-        scene, sensor, poses,
-        points=origins + rays * read[kept, None],
-        origins=origins,
-        surface=origins + rays * hits.ranges[kept, None],
-        bodies=hits.bodies[kept],
-        mixed=mixed[kept],
-    )  # fmt: skip
+    sweeps, rays, ranges = kept // local[..., 0].size, directions.reshape(-1, 3)[kept], hits.ranges[kept]
+    if sensor.emitter is not None:
+        lit = _lit(scene, sensor, poses, sweeps, _along(poses, sweeps, rays, ranges))
+        kept, sweeps, rays, ranges = kept[lit], sweeps[lit], rays[lit], ranges[lit]
+    points = _along(poses, sweeps, rays, read[kept])
+    return Measurement(scene, sensor, poses, points, sweeps, rays, ranges, hits.bodies[kept], mixed[kept])
 
 
-def _returned(
-    scene: RayScene, sensor: Sensor, poses: FloatArray, starts: FloatArray, directions: NDArray[np.float32], hits: Hits,
-    rng: np.random.Generator,
-) -> NDArray[np.bool_]:  # fmt: skip
-    """Which rays come back: in range, not too grazing, reflected, lit, not lost."""
-    luck = rng.random(len(directions), dtype=np.float32)
+def _along(
+    poses: FloatArray, sweeps: NDArray[np.intp], directions: NDArray[np.float32], ranges: NDArray[np.float32]
+) -> FloatArray:
+    """Points (N, 3) at `ranges` along rays."""
+    points = directions.astype(np.float64)
+    points *= ranges[:, None]
+    points += poses[0, :3, 3] if len(poses) == 1 else poses[sweeps, :3, 3]
+    return points
+
+
+def _returned(scene: RayScene, sensor: Sensor, hits: Hits, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Which rays come back: reflected and not lost, in range, not too grazing."""
+    luck = rng.random(len(hits.ranges), dtype=np.float32)
     chance = np.float32(1 - sensor.dropout) * np.append(scene.reflectivity, np.float32(0))[hits.bodies]
     returned = (luck < chance) & (hits.ranges >= sensor.min_range) & (hits.ranges <= sensor.max_range)
-    returned &= hits.cosines >= sensor.min_cosine
-    if sensor.emitter is not None:
-        sweep = len(directions) // len(poses)
-        for index, pose in enumerate(poses):
-            rows = index * sweep + np.flatnonzero(returned[index * sweep : (index + 1) * sweep])
-            surface = starts[rows] + directions[rows] * hits.ranges[rows, None]
-            returned[rows] = scene.sees(transform(pose, sensor.emitter), surface)
-    return returned
+    return returned & (hits.cosines >= sensor.min_cosine)
+
+
+def _lit(
+    scene: RayScene, sensor: Sensor, poses: FloatArray, sweeps: NDArray[np.intp], surface: FloatArray
+) -> NDArray[np.bool_]:
+    """Which of the points (N, 3) the sensor's own light reaches."""
+    lit = np.zeros(len(surface), dtype=np.bool_)
+    for index, pose in enumerate(poses):
+        rows = np.flatnonzero(sweeps == index)
+        lit[rows] = scene.sees(transform(pose, sensor.emitter), surface[rows])
+    return lit
 
 
 def _read(
@@ -120,7 +139,11 @@ def _read(
 
 
 def _mix(
-    sensor: Sensor, read: NDArray[np.float32], hits: Hits, grid: tuple[int, int, int], rng: np.random.Generator
+    sensor: Sensor,
+    read: NDArray[np.float32],
+    hits: Hits,
+    grid: tuple[int, int, int],
+    rng: np.random.Generator,
 ) -> NDArray[np.bool_]:
     """Let beams that straddle a depth edge answer from in between, changing `read`; which ones: (N,)."""
     mixed = np.zeros(len(read), dtype=np.bool_)
@@ -129,16 +152,18 @@ def _mix(
     first, stride = _edges(sensor, hits, grid)
     chosen = first[rng.random(len(first)) < sensor.mixed_pixels]
     share = rng.random(len(chosen), dtype=np.float32)
-    row = chosen + stride * (rng.random(len(chosen)) < 0.5)  # either side of the edge may be the one that straddles
+    row = chosen + stride * (
+        rng.random(len(chosen)) < 0.5
+    )  # either side of the edge may be the one that straddles
     read[row] = read[chosen] * (1 - share) + read[chosen + stride] * share
     mixed[row] = True
     return mixed
 
 
 def _edges(sensor: Sensor, hits: Hits, grid: tuple[int, int, int]) -> tuple[NDArray[np.intp], int]:
-    """Rays with a depth edge between them and the next, and how far away the next is in the order of delivery.
+    """Rays with a depth edge between them and the next, and how many places later the next one comes.
 
-    A slanted surface also makes neighbouring distances differ, by (range * angle / cosine of incidence): no edge.
+    A slanted surface also makes neighbouring distances differ, by range * angle / cosine of incidence: no edge.
     """
     axis = sensor.pattern.neighbour_axis + 1  # the first axis of the grid counts sweeps
     stride = grid[2] if axis == 1 else 1

@@ -29,11 +29,17 @@ class Mesh:
         """Check the shapes and store read-only copies.
 
         Raises:
-            InputError: A shape is wrong, a vertex is not finite, or a triangle names a vertex that does not exist.
+            InputError: A shape is wrong, a vertex is not finite, or a triangle names no vertex.
         """
         corners = np.array(vertices, dtype=np.float64)
         faces = np.array(triangles, dtype=np.int32)
-        if corners.ndim != 2 or corners.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
+        if (
+            corners.ndim != 2
+            or corners.shape[1] != 3
+            or faces.ndim != 2
+            or faces.shape[1] != 3
+            or not len(faces)
+        ):
             raise InputError(
                 "A mesh needs vertices (V, 3) and at least one triangle (F, 3); "
                 f"got {corners.shape} and {faces.shape}."
@@ -78,7 +84,9 @@ def load_mesh(path: str | Path, scale: float = 1.0) -> Mesh:
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{file}: no such mesh file.")
-    mesh = o3d.io.read_triangle_mesh(str(file))
+    mesh = o3d.io.read_triangle_mesh(file)
     if not mesh.has_triangles():
-        raise InputError(f"{file}: no triangles could be read; expected OBJ, PLY, STL, OFF, GLB or GLTF with faces.")
+        raise InputError(
+            f"{file}: no triangles could be read; expected OBJ, PLY, STL, OFF, GLB or GLTF with faces."
+        )
     return Mesh(np.asarray(mesh.vertices) * scale, np.asarray(mesh.triangles))

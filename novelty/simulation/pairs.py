@@ -46,8 +46,8 @@ class PairOptions(TypedDict, total=False):
         sensor: A sensor or its name in `SENSORS`; `utm_30lx`.
         noise: Standard deviation of constant range noise, m, instead of the sensor's own.
         density: Factor on the number of rays; 1.
-        origins: Positions (3,) or poses (4, 4) of the sensor in the reference and in the current scan, each one or several;
-            the scene's viewpoint.
+        origins: Positions (3,) or poses (4, 4) of the sensor in the reference and in the current scan,
+            each one or several; the scene's viewpoint.
         viewpoint_shift: How far the sensor moves sideways and ahead between the scans, m; 0.
         pose_error: Wrong placement of the current scan: shift (m) and turn (degrees); (0, 0).
         object_size: Of new objects, m (height of a person or box, diameter of a cylinder).
@@ -63,7 +63,7 @@ class PairOptions(TypedDict, total=False):
 
 
 def demo_pair(seed: int = 0) -> ScanPair:
-    """The demonstration: a furnished corridor before and after a person, a box and an opened door appear, 1 cm noise."""
+    """A furnished corridor before and after a person, a box and an opened door appear; 1 cm noise."""
     return corridor_pair(seed, noise=0.01)
 
 
@@ -74,7 +74,9 @@ def corridor_pair(
     return simulate_pair("corridor", seed, changes, **options).scans
 
 
-def room_pair(seed: int = 0, changes: Sequence[str] = ("person", "box"), **options: Unpack[PairOptions]) -> ScanPair:
+def room_pair(
+    seed: int = 0, changes: Sequence[str] = ("person", "box"), **options: Unpack[PairOptions]
+) -> ScanPair:
     """A living room before and after `changes` (names in `CHANGES`; none: the same world measured twice)."""
     return simulate_pair("room", seed, changes, **options).scans
 
@@ -93,8 +95,8 @@ def simulate_pair(
 
     Args:
         scene: A scene, or the name of a generator in `SCENES`, which is called with `seed`.
-        seed: The same seed gives the same bytes. Layout, changes, noise of either scan and pose error have streams of their own,
-            so that one option does not disturb the others.
+        seed: The same seed gives the same bytes. Layout, changes, noise of either scan and pose error have
+            streams of their own, so that one option does not disturb the others.
         changes: Names in `CHANGES`.
         **options: See `PairOptions`.
 
@@ -102,7 +104,9 @@ def simulate_pair(
         InputError: An unknown scene, sensor or change, or no room for a new object.
     """
     place = make_scene(scene, seed) if isinstance(scene, str) else scene
-    changing, moving, first, second, erring = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
+    changing, moving, first, second, erring = [
+        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)
+    ]
     after = apply_changes(place, tuple(changes), changing, options.get("object_size"))
     sensor = _sensor(options)
     poses = _poses(place, options, moving)
@@ -122,7 +126,8 @@ def pair_up(
         reference: Scan of the world before.
         current: Scan of the world after.
         name: Of the pair.
-        pose_error: (4, 4) motion by which the current scan is misplaced, about its first sensor position; None for none.
+        pose_error: (4, 4) motion by which the current scan is misplaced, about its first sensor position;
+            None for none.
     """
     truth = find_truth(reference, current)
     scans = ScanPair(

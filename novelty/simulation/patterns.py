@@ -1,4 +1,4 @@
-"""Where a sensor's rays go: directions in the sensor's frame (x forward, y left, z up), in the order of delivery."""
+"""Where a sensor's rays go, in its own frame (x forward, y left, z up) and in the order of delivery."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+BORDER = 1e-3
+"""How far outside the outermost rays a point still counts as covered, radians."""
 
 
 class RayPattern(ABC):
@@ -72,8 +75,9 @@ class TiltingLaser(RayPattern):
         """Whether a line passes each point: the tilt comes from x and z, the angle within the line from y."""
         x, y, z = points.T
         tilt, radius = np.arctan2(z, x), np.hypot(x, z)
-        low, high = np.radians(sorted((self.tilt_from, self.tilt_to)))
-        half = np.radians(self.field_of_view / 2)
+        low = np.radians(min(self.tilt_from, self.tilt_to)) - BORDER
+        high = np.radians(max(self.tilt_from, self.tilt_to)) + BORDER
+        half = np.radians(self.field_of_view / 2) + BORDER
         front = (low <= tilt) & (tilt <= high) & (np.abs(np.arctan2(y, radius)) <= half)
         behind = np.arctan2(-z, -x)  # rays beyond 90 degrees leave backwards, tilted the other way
         back = (low <= behind) & (behind <= high) & (np.abs(np.arctan2(y, -radius)) <= half)
@@ -86,7 +90,7 @@ class TiltingLaser(RayPattern):
 
 @dataclass(frozen=True)
 class RollingLaser(RayPattern):
-    """A planar laser that a motor turns about its forward axis x, one line per roll angle, densest straight ahead.
+    """A planar laser that a motor turns about its forward axis x, one line per roll angle; densest ahead.
 
     The "rolling scan" of Wulf & Wagner, Fast 3D scanning methods for laser measurement systems (CSCS 2003).
 
@@ -118,9 +122,9 @@ class RollingLaser(RayPattern):
     def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether a line passes each point, with its left or its right half."""
         x, y, z = points.T
-        ahead = np.arctan2(np.hypot(y, z), x) <= np.radians(self.field_of_view / 2)
+        ahead = np.arctan2(np.hypot(y, z), x) <= np.radians(self.field_of_view / 2) + BORDER
         roll = np.arctan(z / np.where(y == 0, 1e-12, y))  # a line through (y, z) also passes (-y, -z)
-        return ahead & (np.abs(roll) <= np.radians(self.turn / 2))
+        return ahead & (np.abs(roll) <= np.radians(self.turn / 2) + BORDER)
 
     def thinned(self, density: float) -> RollingLaser:
         """More or fewer roll angles: the laser's own step is fixed."""
@@ -160,7 +164,8 @@ class SpinningBeams(RayPattern):
     def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether each point lies between the lowest and the highest beam."""
         elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
-        return (np.radians(self.lowest) <= elevation) & (elevation <= np.radians(self.highest))
+        low, high = np.radians(self.lowest) - BORDER, np.radians(self.highest) + BORDER
+        return (low <= elevation) & (elevation <= high)
 
     def thinned(self, density: float) -> SpinningBeams:
         """More or fewer azimuths: the number of beams is fixed."""
@@ -203,7 +208,9 @@ class PinholeCamera(RayPattern):
         """More or fewer pixels in both directions, same angles."""
         factor = np.sqrt(density)
         return PinholeCamera(
-            max(2, round(self.width * factor)), max(2, round(self.height * factor)), self.focal_length * factor
+            max(2, round(self.width * factor)),
+            max(2, round(self.height * factor)),
+            self.focal_length * factor,
         )
 
 

@@ -90,5 +90,6 @@ class DisparityRanging(Ranging):
             InputError: Always.
         """
         raise InputError(
-            f"A depth camera has no constant range noise (asked: {std} m); replace its DisparityRanging instead."
+            f"A depth camera has no constant range noise (asked: {std} m); "
+            "give it another DisparityRanging with dataclasses.replace."
         )

@@ -31,7 +31,7 @@ class Hits:
 class RayScene:
     """A world made ready for casting rays (Open3D's `RaycastingScene`, which is Embree, in float32).
 
-    Coordinates are taken relative to the centre of the world, so that a world far from the origin loses no digits.
+    Coordinates are relative to the centre of the world, so that a world far from the origin loses no digits.
 
     Attributes:
         world: The world.
@@ -47,7 +47,9 @@ class RayScene:
             MissingDependencyError: Open3D cannot be imported.
         """
         if not world.bodies:
-            raise InputError("The world is empty; add objects with `world.add(name, mesh)` before scanning it.")
+            raise InputError(
+                "The world is empty; add objects with `world.add(name, mesh)` before scanning it."
+            )
         open3d = _open3d()
         self.world = world
         self.names = tuple(world.bodies)
@@ -65,12 +67,15 @@ class RayScene:
         """Cast rays.
 
         Args:
-            origins: (N, 3) or (3,), m, world coordinates.
-            directions: float32 (N, 3), unit vectors.
+            origins: (..., 3), m, world coordinates; broadcast to the shape of `directions`.
+            directions: float32 (..., 3), unit vectors; N of them in all.
         """
-        answer = self._scene.cast_rays(self._rays(origins, directions))
+        rays = np.empty((*directions.shape[:-1], 6), dtype=np.float32)
+        rays[..., :3] = origins - self._centre
+        rays[..., 3:] = directions
+        answer = self._scene.cast_rays(rays.reshape(-1, 6))
         normals = answer["primitive_normals"].numpy()
-        cosines = np.abs(np.einsum("nd,nd->n", normals, directions))
+        cosines = np.abs(np.einsum("nd,nd->n", normals, directions.reshape(-1, 3)))
         bodies = answer["geometry_ids"].numpy().view(np.int32)  # Open3D's "none" is 2^32 - 1, which is -1
         return Hits(answer["t_hit"].numpy(), bodies, cosines)
 
@@ -79,8 +84,8 @@ class RayScene:
     ) -> NDArray[np.bool_]:
         """Whether the straight line from `origin` (3,) to each of `points` (N, 3) is free: (N,).
 
-        The last `tolerance` metres are not looked at, so that a surface does not hide its own points. A surface at the point
-        that is met more slantwise than `min_cosine` does not count as seen.
+        The last `tolerance` metres are not looked at, so that a surface does not hide its own points. A
+        surface at the point that is met more slantwise than `min_cosine` does not count as seen.
         """
         sight = points - origin
         length = np.linalg.norm(sight, axis=1)
@@ -91,12 +96,6 @@ class RayScene:
     def distance(self, points: FloatArray) -> NDArray[np.float32]:
         """Distance (N,), m, from each of `points` (N, 3) to the nearest surface of the world."""
         return self._scene.compute_distance((points - self._centre).astype(np.float32)).numpy()
-
-    def _rays(self, origins: FloatArray, directions: NDArray[np.float32]) -> NDArray[np.float32]:
-        rays = np.empty((len(directions), 6), dtype=np.float32)
-        rays[:, :3] = origins - self._centre
-        rays[:, 3:] = directions
-        return rays
 
 
 def _open3d():  # type: ignore[no-untyped-def]

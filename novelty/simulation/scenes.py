@@ -66,9 +66,13 @@ def make_room(seed: int = 0) -> Scene:
     site = _Site(World(), {}, [])
     site.room_shell(length, width, height, door_at=length - 2.0, swing=rng.uniform(-95, -65))
     table = np.array([length * 0.55, width * rng.uniform(-0.1, 0.1)])
-    site.add("table", furniture.table(1.5, 0.8), make_pose((*table, 0), yaw=rng.uniform(-20, 20)), movable=True)
+    site.add(
+        "table", furniture.table(1.5, 0.8), make_pose((*table, 0), yaw=rng.uniform(-20, 20)), movable=True
+    )
     for number, angle in enumerate((20, 160, 250, 300)):
-        _chair_at_table(site, f"chair {number + 1}", furniture.chair(), table, angle + rng.uniform(-12, 12), 0.95)
+        _chair_at_table(
+            site, f"chair {number + 1}", furniture.chair(), table, angle + rng.uniform(-12, 12), 0.95
+        )
     site.add("sofa", furniture.sofa(), make_pose((length * 0.4, width / 2 - 0.02, 0), yaw=-90), movable=True)
     shelf = furniture.shelf(1.2, seed=int(rng.integers(2**31)))
     site.add("shelf", shelf, make_pose((length - 0.01, width * 0.2, 0), yaw=180), movable=True)
@@ -94,14 +98,20 @@ def make_office(seed: int = 0) -> Scene:
     for number, y in enumerate((-1.3, 0.0, 1.3)):
         shelf = furniture.shelf(seed=int(rng.integers(2**31)))
         site.add(f"shelf {number + 1}", shelf, make_pose((length - 0.01, y, 0), yaw=180), movable=True)
-    site.add("cabinet", furniture.cabinet(height=1.4), make_pose((2.2, -width / 2 + 0.01, 0), yaw=90), movable=True)
+    site.add(
+        "cabinet", furniture.cabinet(height=1.4), make_pose((2.2, -width / 2 + 0.01, 0), yaw=90), movable=True
+    )
     site.add("column", block(0.35, 0.35, height), make_pose((length * 0.6, 0, 0)))
     site.ceiling_lamps([(x, y) for x in (2.2, 4.6, 7.0) for y in (-width / 4, width / 4)], height)
     floor = np.array([[0.6, -width / 2 + 0.4], [length - 0.6, width / 2 - 0.4]])
     return site.scene("office", floor, make_pose((0.9, rng.uniform(-0.3, 0.3), 1.3)))
 
 
-SCENES: dict[str, Callable[[int], Scene]] = {"corridor": make_corridor, "room": make_room, "office": make_office}
+SCENES: dict[str, Callable[[int], Scene]] = {
+    "corridor": make_corridor,
+    "room": make_room,
+    "office": make_office,
+}
 """Scene generators by name: each takes a seed."""
 
 
@@ -124,7 +134,9 @@ class _Site:
     open_doors: dict[str, FloatArray]
     movable: list[str]
 
-    def add(self, name: str, mesh: Mesh, pose: FloatArray, reflectivity: float = 1.0, movable: bool = False) -> None:
+    def add(
+        self, name: str, mesh: Mesh, pose: FloatArray, reflectivity: float = 1.0, movable: bool = False
+    ) -> None:
         self.world = self.world.add(name, mesh, pose, reflectivity)
         if movable:
             self.movable.append(name)
@@ -145,7 +157,9 @@ class _Site:
         left = side == "left"
         frame = make_pose((0, width / 2, 0)) if left else make_pose((length, -width / 2, 0), yaw=180)
         starts = [start if left else length - start - DOOR_WIDTH for start in doors]
-        self.add(f"{side} wall", wall(length, height, openings=[Opening(s, DOOR_WIDTH) for s in starts]), frame)
+        self.add(
+            f"{side} wall", wall(length, height, openings=[Opening(s, DOOR_WIDTH) for s in starts]), frame
+        )
         for number, start in enumerate(starts):
             self.door(f"{side} door {number + 1}", frame, start, swing)
 
@@ -157,7 +171,13 @@ class _Site:
         self.open_doors[name] = closed @ make_pose(yaw=swing)
 
     def end_wall(
-        self, name: str, corner: tuple[float, float], yaw: float, width: float, height: float, window: bool = False
+        self,
+        name: str,
+        corner: tuple[float, float],
+        yaw: float,
+        width: float,
+        height: float,
+        window: bool = False,
     ) -> None:
         """A wall across, with a glazed window in its middle where wanted."""
         frame = make_pose((*corner, 0), yaw=yaw)
@@ -175,7 +195,11 @@ class _Site:
             self.add(f"{side} outer wall", box((0, across[0], 0), (length, across[1], height)), np.eye(4))
             for number, x in enumerate((0.0, length / 2, length)):
                 low, high = sorted((y0, y1))
-                self.add(f"{side} cross wall {number + 1}", box((x - 0.05, low, 0), (x + 0.05, high, height)), np.eye(4))
+                self.add(
+                    f"{side} cross wall {number + 1}",
+                    box((x - 0.05, low, 0), (x + 0.05, high, height)),
+                    np.eye(4),
+                )
 
     def room_shell(self, length: float, width: float, height: float, door_at: float, swing: float) -> None:
         """Four walls with a door on the right, a window and a radiator on the left, and a passage behind the door."""
@@ -200,7 +224,11 @@ class _Site:
 
 
 def _furnish_corridor(
-    site: _Site, doors: Mapping[str, NDArray[np.float64]], length: float, width: float, rng: np.random.Generator
+    site: _Site,
+    doors: Mapping[str, NDArray[np.float64]],
+    length: float,
+    width: float,
+    rng: np.random.Generator,
 ) -> None:
     """Stand one or two things into every stretch of wall between the doors."""
     makers: list[tuple[str, Callable[[], Mesh]]] = [
@@ -226,10 +254,16 @@ def _furnish_corridor(
 
 def _stretches(starts: NDArray[np.float64], length: float) -> list[float]:
     """Middles of the three stretches of wall before, between and after two doors."""
-    return [float(starts[0]) - 1.3, float(starts.mean() + DOOR_WIDTH / 2), float(starts[1] + DOOR_WIDTH + length) / 2]
+    return [
+        float(starts[0]) - 1.3,
+        float(starts.mean() + DOOR_WIDTH / 2),
+        float(starts[1] + DOOR_WIDTH + length) / 2,
+    ]
 
 
-def _chair_at_table(site: _Site, name: str, mesh: Mesh, table: FloatArray, angle: float, reach: float) -> None:
+def _chair_at_table(
+    site: _Site, name: str, mesh: Mesh, table: FloatArray, angle: float, reach: float
+) -> None:
     x, y = table + reach * np.array([np.cos(np.radians(angle)), 0.8 * np.sin(np.radians(angle))])
     site.add(name, mesh, make_pose((x, y, 0), yaw=angle + 180), movable=True)
 
@@ -240,15 +274,20 @@ def _desk(site: _Site, number: int, place: FloatArray, rng: np.random.Generator)
     site.add(f"desk {number}", furniture.table(1.6, 0.8), pose)
     screen = pose @ make_pose((rng.uniform(-0.3, 0.3), 0.2, 0.74), yaw=-90 + rng.uniform(-20, 20))
     site.add(f"screen {number}", furniture.monitor(), screen, movable=True)
-    seat = pose @ make_pose((rng.uniform(-0.3, 0.3), -rng.uniform(0.6, 0.9), 0), yaw=90 + rng.uniform(-40, 40))
+    seat = pose @ make_pose(
+        (rng.uniform(-0.3, 0.3), -rng.uniform(0.6, 0.9), 0), yaw=90 + rng.uniform(-40, 40)
+    )
     site.add(f"chair {number}", furniture.office_chair(), seat, movable=True)
 
 
 def footprints(world: World) -> FloatArray:
     """Rectangles (objects, 2, 2) on the floor, lower and upper corner, taken up by what stands below head height."""
-    boxes = [np.stack([body.vertices.min(axis=0), body.vertices.max(axis=0)]) for body in world.bodies.values()]
+    boxes = [
+        np.stack([body.vertices.min(axis=0), body.vertices.max(axis=0)]) for body in world.bodies.values()
+    ]
     return np.array(
-        [corners[:, :2] for corners in boxes if corners[0, 2] < 1.9 and corners[1, 2] > 0.02], dtype=np.float64
+        [corners[:, :2] for corners in boxes if corners[0, 2] < 1.9 and corners[1, 2] > 0.02],
+        dtype=np.float64,
     ).reshape(-1, 2, 2)
 
 

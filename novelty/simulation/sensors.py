@@ -65,8 +65,8 @@ def urg_04lx() -> Sensor:
     """Hokuyo URG-04LX on a pan-tilt unit (Directed Perception PTU-D46), 682 rays x 64 tilts.
 
     0.02-5.6 m, 1024 steps per turn, steps 44 to 725 (239.8 degrees), 1 mm readings: Hokuyo SCIP 2.0 specification
-    C-42-03320B, tables 2 and reply to PP. Accuracy +-1 % of the range above 1 m (data sheet), 1-3 % measured (Kneip et al.,
-    ICRA 2009): taken as a standard deviation of 1 %. Dropouts, mixed pixels and steepest incidence: assumed.
+    C-42-03320B, table 2 and the reply to PP. Accuracy 1 % of the range (data sheet), 1-3 % in the paper: taken as
+    a standard deviation of 1 % on top of 5 mm. Dropouts, mixed pixels and steepest incidence: assumed.
     """
     step = 360 / 1024
     return Sensor(
@@ -78,9 +78,9 @@ def urg_04lx() -> Sensor:
 def utm_30lx() -> Sensor:
     """Hokuyo UTM-30LX that a motor rolls about its forward axis, 541 rays x 180 half-turn lines.
 
-    0.1-30 m, 1440 steps per turn, 1081 of them used (270 degrees), read in clusters of two (0.5 degrees), 1 mm readings;
-    repeated accuracy below 10 mm to 10 m and below 30 mm to 30 m (data sheet; SCIP 2.0 specification C-42-03320B, table 2).
-    Dropouts, mixed pixels and steepest incidence: assumed.
+    0.1-30 m, 1440 steps per turn, 1081 of them used (270 degrees), read in clusters of two (0.5 degrees), 1 mm
+    readings: SCIP 2.0 specification C-42-03320B, table 2, and data sheet; repeated accuracy below 10 mm to 10 m
+    and below 30 mm to 30 m (data sheet). Dropouts, mixed pixels and steepest incidence: assumed.
     """
     return Sensor(
         "utm_30lx", RollingLaser(270, 0.5, 180, 180), LaserRanging(0.0085, 0.0005), 0.1, 30.0,
@@ -91,8 +91,8 @@ def utm_30lx() -> Sensor:
 def vlp_16() -> Sensor:
     """Velodyne VLP-16 at 10 Hz, 16 beams x 1808 azimuths.
 
-    100 m, +-15 degrees, one firing cycle in 55.296 us, 2 mm readings, accuracy +-3 cm typical: user manual 63-9243. The +-3 cm are
-    read as 2.5 standard deviations. Dropouts, mixed pixels and steepest incidence: assumed.
+    100 m, +-15 degrees, one firing cycle in 55.296 us, 2 mm readings, accuracy +-3 cm typical (user manual
+    63-9243), read as 2.5 standard deviations. Dropouts, mixed pixels and steepest incidence: assumed.
     """
     return Sensor(
         "vlp_16", SpinningBeams(-15, 15, 16, 1808), LaserRanging(0.012, quantum=0.002), 0.5, 100.0,
@@ -103,8 +103,8 @@ def vlp_16() -> Sensor:
 def hdl_32e() -> Sensor:
     """Velodyne HDL-32E at 10 Hz, 32 beams x 2170 azimuths.
 
-    100 m, +10.67 to -30.67 degrees, one firing cycle in 46.08 us, 2 mm readings, accuracy 2 cm (one standard deviation at 25 m):
-    data sheet 97-0038. Dropouts, mixed pixels and steepest incidence: assumed.
+    100 m, +10.67 to -30.67 degrees, one firing cycle in 46.08 us, 2 mm readings, accuracy 2 cm (one standard
+    deviation at 25 m): data sheet 97-0038. Dropouts, mixed pixels and steepest incidence: assumed.
     """
     return Sensor(
         "hdl_32e", SpinningBeams(-30.67, 10.67, 32, 2170), LaserRanging(0.02, quantum=0.002), 1.0, 100.0,
@@ -115,8 +115,9 @@ def hdl_32e() -> Sensor:
 def kinect() -> Sensor:
     """Microsoft Kinect: 640 x 480 depth image by structured light.
 
-    Focal length 5.453 mm of 9.3 um pixels (586 pixels), baseline 7.5 cm, disparity in steps of 1/8 pixel with a standard deviation of half
-    a step, 0.5-5 m: Khoshelham & Oude Elberink, Sensors 12 (2012) 1437. The projector throws shadows. Dropouts and steepest incidence: assumed.
+    Focal length 5.453 mm of 9.3 um pixels (586 pixels), baseline 7.5 cm, disparity in steps of 1/8 pixel with a
+    standard deviation of half a step, 0.5-5 m: Khoshelham & Oude Elberink, Sensors 12 (2012) 1437. The projector
+    throws shadows. Dropouts and steepest incidence: assumed.
     """
     return Sensor(
         "kinect", PinholeCamera(640, 480, 586), DisparityRanging(586, 0.075, 1 / 16, 1 / 8), 0.5, 5.0,

@@ -1,4 +1,4 @@
-"""Parametric solids as triangle meshes: boxes, cylinders, capsules, walls with openings. Lengths in metres."""
+"""Parametric solids as triangle meshes: boxes, cylinders, capsules, walls with openings; in metres."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from novelty.simulation.meshes import Mesh, join
 
 _BOX_FACES = np.array(
-    [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4]]
-    + [[1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7]]
+    [
+        *([0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4]),
+        *([1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7]),
+    ]
 )
 
 
@@ -28,14 +30,16 @@ def block(length: float, width: float, height: float, base: float = 0.0) -> Mesh
     return box((-length / 2, -width / 2, base), (length / 2, width / 2, base + height))
 
 
-def tube(start: ArrayLike, end: ArrayLike, radii: Sequence[float], stations: Sequence[float], sides: int = 20) -> Mesh:
+def tube(
+    start: ArrayLike, end: ArrayLike, radii: Sequence[float], stations: Sequence[float], sides: int = 20
+) -> Mesh:
     """A surface of revolution about the line from `start` to `end`, closed at both ends.
 
     Args:
         start: (3,), m.
         end: (3,), m.
         radii: Radius at each station, m.
-        stations: Where along the line each radius holds, m from `start`; increasing, may lie outside the line.
+        stations: Where along the line each radius holds, m from `start`; increasing, may overshoot.
         sides: Corners of each ring.
     """
     first, last = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
@@ -72,13 +76,13 @@ def capsule(
 
 def sphere(centre: ArrayLike, radius: float) -> Mesh:
     """A sphere about `centre` (3,)."""
-    top = np.asarray(centre, dtype=float) + (0, 0, 1e-3)
+    top = np.asarray(centre, dtype=float) + np.array([0, 0, 1e-3])
     return capsule(centre, top, radius)
 
 
 @dataclass(frozen=True)
 class Opening:
-    """A hole in a wall: from `start` to `start + width` along the wall, from `bottom` to `top` in height (m)."""
+    """A hole in a wall: `start` to `start + width` along the wall, `bottom` to `top` in height (m)."""
 
     start: float
     width: float
@@ -87,7 +91,7 @@ class Opening:
 
 
 def wall(length: float, height: float, thickness: float = 0.12, openings: Sequence[Opening] = ()) -> Mesh:
-    """A wall along +x from the origin, with door and window openings; its inner face is y = 0, its body y > 0."""
+    """A wall with openings, along +x from the origin; its inner face is y = 0, its body y > 0."""
     parts, reached = [], 0.0
     for gap in sorted(openings, key=lambda opening: opening.start):
         parts.append((reached, gap.start, 0.0, height))
@@ -98,7 +102,9 @@ def wall(length: float, height: float, thickness: float = 0.12, openings: Sequen
     return join(box((x0, 0, z0), (x1, thickness, z1)) for x0, x1, z0, z1 in parts if x1 > x0 and z1 > z0)
 
 
-def _frame(direction: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _frame(
+    direction: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     axis = direction / np.linalg.norm(direction)
     side = np.cross(axis, (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0))
     side /= np.linalg.norm(side)

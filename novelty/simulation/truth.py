@@ -2,14 +2,16 @@
 
 Every point is judged by the surface point x that its ray hit, without noise, and by the object it belongs to:
 
-* `AMBIGUOUS` (255): the reading is a mixed pixel, or it came from glass (an object that returns less than half of the rays).
-* `CHANGED` (1): the object is absent from the other world or stood elsewhere in it, and no surface of the other world passes through x.
-* `SEEN_ONCE` (2): the surface at x existed in both worlds, but the other sensor could not see x: x is out of its field of view or
-  range, hit at too grazing an angle, or hidden behind something in the other world.
+* `AMBIGUOUS` (255): the reading is a mixed pixel, or comes from glass (an object that returns less than half of
+  the rays).
+* `CHANGED` (1): the object is absent from the other world or stood elsewhere in it, and no surface of the other
+  world passes through x.
+* `SEEN_ONCE` (2): the surface at x existed in both worlds, but the other sensor could not see x: it is out of its
+  field of view or range, met at too grazing an angle, or hidden behind something in the other world.
 * `UNCHANGED` (0): the surface existed in both worlds and the other sensor could see it.
 
-A new object is changed even where the other sensor could not have seen its place; `Truth.observable` tells such points apart.
-The rule is symmetric: for a reference point, `CHANGED` means removed or moved away.
+A new object is changed even where the other sensor could not have seen its place; `Truth.observable` tells such
+points apart. The rule is symmetric: for a reference point, `CHANGED` means removed or moved away.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from novelty.simulation.poses import FloatArray, inverse, transform
 from novelty.simulation.world import BodyState, compare_worlds
 
 SAME_PLACE = 1e-3
-"""A surface passes through a point when it is nearer than this, m: above float32 rounding, far below any sensor's noise."""
+"""A surface passes through a point when it is nearer than this, m: above rounding, below any noise."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,7 +56,9 @@ class World:
 
     bodies: Mapping[str, Body] = field(default_factory=dict)
 
-    def add(self, name: str, mesh: Mesh, pose: ArrayLike = (0.0, 0.0, 0.0), reflectivity: float = 1.0) -> World:
+    def add(
+        self, name: str, mesh: Mesh, pose: ArrayLike = (0.0, 0.0, 0.0), reflectivity: float = 1.0
+    ) -> World:
         """This world with one more object.
 
         Args:
@@ -106,7 +108,7 @@ class BodyState(IntEnum):
 
 
 def compare_worlds(before: World, after: World) -> dict[str, BodyState]:
-    """What happened to every object of either world, by name. An object whose mesh changed counts as moved."""
+    """What happened to every object of either world, by name; a changed mesh counts as moved."""
     states = {}
     for name in [*before.bodies, *(name for name in after.bodies if name not in before.bodies)]:
         if name not in after.bodies:
