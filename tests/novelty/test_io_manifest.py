@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from novelty import InputError
-from novelty.io import FailedPair, load_pairs, read_pairs
+from novelty.io import FailedPair, load_pairs, read_entries, read_pairs
 from novelty.scan import ScanPair
 
 HEADER = "name,reference,current,reference_origin,current_origin,unit"
@@ -124,7 +124,9 @@ def test_bad_pairs_are_reported_in_their_place_and_the_others_are_loaded(folder)
         "good,now.xyz,before.xyz,,,",
         "fine,now.xyz,before.xyz,0 0 0,,",
     )
-    loaded = list(load_pairs(path))
+    entries, loaded = read_entries(path), list(load_pairs(path))
+    assert [isinstance(entry, FailedPair) for entry in entries] == [False, True, False, True, True, False]
+    assert [entry.name for entry in entries] == [pair.name for pair in loaded]
     assert [pair.name for pair in loaded] == ["good", "missing", "broken", "line 5", "good", "fine"]
     assert [type(pair) for pair in loaded] == [ScanPair, *[FailedPair] * 4, ScanPair]
     for line, pair in enumerate(loaded, start=2):
