@@ -1,0 +1,107 @@
+"""The page in a real browser, without a network."""
+
+import shutil
+
+import pytest
+
+from novelty.evaluation import evaluate_labels
+from novelty.report import Run, write_report
+from tests.novelty.report_case import SETTINGS, make_pair, make_result
+
+pytestmark = pytest.mark.slow
+
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
+)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    selenium = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    from selenium.webdriver.chrome.service import Service
+
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not chromium or not driver:
+        pytest.skip("no chromium with chromedriver on the PATH; apt-get install chromium chromium-driver")
+    options = selenium.ChromeOptions()
+    options.binary_location = chromium
+    for flag in [*FLAGS.split(), f"--user-data-dir={tmp_path_factory.mktemp('profile')}"]:
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    session = selenium.Chrome(options=options, service=Service(driver))
+    session.execute_cdp_cmd("Network.enable", {})
+    session.execute_cdp_cmd(
+        "Network.emulateNetworkConditions",
+        {"offline": True, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0},
+    )
+    yield session
+    session.quit()
+
+
+@pytest.fixture(scope="module")
+def page(browser, tmp_path_factory):
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    pair = make_pair(num_points=3000)
+    result = make_result(pair)
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    scores = {"added": evaluate_labels(pair.current.labels, result.added.point_labels)}
+    write_report(path, pair, result, Run(SETTINGS), scores)
+    browser.get(path.as_uri())
+    WebDriverWait(browser, 120).until(
+        lambda session: session.execute_script("return document.body.dataset.ready") == "true"
+    )
+    return browser
+
+
+def visible_layers(page, view):
+    return page.execute_script(
+        f"return [...new Set(document.getElementById('view-{view}').data"
+        ".filter((trace) => trace.visible !== false).map((trace) => trace.meta.layer))].sort()"
+    )
+
+
+def press(page, label):
+    from selenium.webdriver.common.by import By
+
+    (button,) = [b for b in page.find_elements(By.TAG_NAME, "button") if b.text == label]
+    button.click()
+
+
+def test_opens_without_errors_on_the_console(page):
+    assert [entry for entry in page.get_log("browser") if entry["level"] == "SEVERE"] == []
+
+
+def test_draws_both_scans_and_the_path(page):
+    drawn = page.execute_script(
+        "return ['added', 'removed', 'mdl'].map((kind) => document.getElementById(`view-${kind}`)"
+        ".querySelectorAll('canvas, svg.main-svg').length > 0)"
+    )
+    assert drawn == [True, True, True]
+
+
+def test_first_shows_points_then_the_mixture_on_demand(page):
+    assert visible_layers(page, "added") == ["objects", "points"]
+    press(page, "Mixture")
+    assert visible_layers(page, "added") == visible_layers(page, "removed") == ["mixture", "objects"]
+    press(page, "Points")
+    assert visible_layers(page, "removed") == ["objects", "points"]
+
+
+def test_views_turn_together(page):
+    turned = page.execute_async_script(
+        "const done = arguments[0]; const eye = { x: 0.1, y: 2, z: 0.3 };"
+        "Plotly.relayout('view-added', { 'scene.camera': { eye, up: { x: 0, y: 0, z: 1 } } })"
+        ".then(() => setTimeout(() => done(document.getElementById('view-removed').layout.scene.camera.eye), 500));"
+    )
+    assert turned == {"x": 0.1, "y": 2, "z": 0.3}
+
+
+@pytest.mark.parametrize("width", [390, 820, 1400])
+def test_never_scrolls_sideways(page, width):
+    page.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 600},
+    )
+    assert page.execute_script("return document.documentElement.scrollWidth") <= width
