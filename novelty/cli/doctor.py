@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import typer
 
 from novelty.cli.terminal import out, working
+from novelty.environment import MODULES, installed_version
 
 LEAST_PYTHON = (3, 11)
 
@@ -63,14 +64,10 @@ def _check_python() -> Finding:
 
 
 def _check_libraries() -> list[Finding]:
-    from novelty.environment import MODULES
-
     return [_check_library(distribution, module) for distribution, module in MODULES.items()]
 
 
 def _check_library(distribution: str, module: str) -> Finding:
-    from novelty.environment import installed_version
-
     version = installed_version(distribution)
     if version is None:
         return Finding(distribution, "not installed", f"{sys.executable} -m pip install {distribution}")

@@ -101,15 +101,13 @@ def _batches(entries: Iterable[PairEntry | FailedPair], unit: str) -> Iterator[l
 
 def _load(entry: PairEntry | FailedPair, unit: str) -> _Loaded:
     from novelty.io import FailedPair
-    from novelty.preprocess import METRES_PER_UNIT
+    from novelty.preprocess.units import metres_per
 
     if isinstance(entry, FailedPair):
         return _Loaded(entry.name, unit, None, str(entry.error))
     unit = entry.unit or unit
-    if unit not in METRES_PER_UNIT:
-        known = ", ".join(METRES_PER_UNIT)
-        return _Loaded(entry.name, unit, None, f"{entry.source}: unknown unit {unit!r}; known: {known}.")
     try:
+        metres_per(unit)
         pair = entry.load()
     except NoveltyError as error:
         return _Loaded(entry.name, unit, None, str(error))
