@@ -41,8 +41,8 @@ class TransportStatus(enum.IntEnum):
 _ADVICE = {
     TransportStatus.OPTIMAL: "The plan is optimal; `gap` certifies it.",
     TransportStatus.NO_MASS: "A mixture has no weight at all: fit it again, or leave the pair out.",
-    TransportStatus.INVALID: "A weight is negative or not finite, or a cost between two components with weight"
-    " is not finite: look for covariances that are not positive definite.",
+    TransportStatus.INVALID: "A weight is negative or not finite, or a cost between components with weight is"
+    " not finite: look for covariances that are not positive definite.",
     TransportStatus.NOT_CONVERGED: "The network simplex stopped at its limit of pivots: costs are"
     " probably degenerate beyond float64; check their range.",
 }

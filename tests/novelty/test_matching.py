@@ -1,0 +1,121 @@
+"""Structural matching: graphs against the equations written out, and what is left unmatched."""
+
+import numpy as np
+import pytest
+import torch
+
+from novelty.matching import CliqueStatus, Components, build_correspondence_graphs, match_structure
+from tests.reference import clique as reference
+
+
+def random_scene(seed: int, K: int, num_new: int) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Means and covariances of two mixtures of one room; the first `num_new` of the first are elsewhere."""
+    generator = np.random.default_rng(seed)
+    means = generator.uniform(0, 4, size=(K, 3))
+    rotations = np.linalg.qr(generator.normal(size=(K, 3, 3)))[0]
+    covariances = rotations * 10 ** generator.uniform(-2, 0, size=(K, 1, 3)) @ rotations.transpose(0, 2, 1)
+    moved = means + generator.normal(scale=0.02, size=means.shape)
+    moved[:num_new] = generator.uniform(8, 12, size=(num_new, 3))
+    return (moved, covariances * generator.uniform(0.99, 1.01, size=(K, 1, 1))), (means, covariances)
+
+
+def components(sides: list[tuple[np.ndarray, ...]], K: int) -> Components:
+    """Mixtures padded to K components."""
+    P = len(sides)
+    weights, means = torch.zeros(P, K, dtype=torch.float64), torch.zeros(P, K, 3, dtype=torch.float64)
+    covariances = torch.eye(3, dtype=torch.float64).repeat(P, K, 1, 1)
+    for p, (mean, covariance) in enumerate(sides):
+        size = len(mean)
+        weights[p, :size] = 1 / size
+        means[p, :size], covariances[p, :size] = torch.from_numpy(mean), torch.from_numpy(covariance)
+    return Components(weights, means, covariances)
+
+
+@pytest.mark.parametrize(
+    ("node_threshold", "arc_threshold", "length_scale"), [(3.5, 1.0, 1.0), (2.0, 2.5, 0.5), (6.0, 1.5, 3.0)]
+)
+def test_graphs_hold_the_nodes_and_arcs_of_the_equations(
+    node_threshold: float, arc_threshold: float, length_scale: float
+):
+    scenes = [random_scene(seed, K, K // 4) for seed, K in enumerate([1, 3, 5, 6])]
+    a, b = components([x for x, _ in scenes], 6), components([y for _, y in scenes], 8)
+    graphs = build_correspondence_graphs(
+        a, b, node_threshold=node_threshold, arc_threshold=arc_threshold, length_scale=length_scale
+    )
+    for p, (first, second) in enumerate(scenes):
+        V = int(graphs.num_nodes[p])
+        found = list(zip(graphs.nodes_a[p, :V].tolist(), graphs.nodes_b[p, :V].tolist(), strict=True))
+        nodes, arcs = reference.correspondence_graph(
+            first, second, node_threshold, arc_threshold, length_scale
+        )
+        assert found == nodes
+        assert (graphs.nodes_a[p, V:] == -1).all()
+        assert (graphs.nodes_b[p, V:] == -1).all()
+        assert not graphs.adjacency[p, V:].any()
+        assert not graphs.adjacency[p, :, V:].any()
+        joined = {frozenset([found[x], found[y]]) for x, y in graphs.adjacency[p].nonzero().tolist()}
+        assert joined == arcs
+        assert torch.equal(graphs.adjacency[p], graphs.adjacency[p].T)
+        expected = [graphs.table[p, i, j].item() for i, j in nodes]
+        assert graphs.distances[p, :V].tolist() == expected
+        assert graphs.distances[p, V:].isinf().all()
+
+
+def test_a_batch_larger_than_one_chunk_equals_its_members():
+    scenes = [random_scene(seed, 16, 3) for seed in range(9)]
+    a, b = components([x for x, _ in scenes], 16), components([y for _, y in scenes], 16)
+    together = build_correspondence_graphs(a, b, node_threshold=50.0, arc_threshold=2.0)
+    assert (together.num_nodes == 256).all()
+    for p in range(9):
+        alone = build_correspondence_graphs(
+            components([scenes[p][0]], 16),
+            components([scenes[p][1]], 16),
+            node_threshold=50.0,
+            arc_threshold=2.0,
+        )
+        assert torch.equal(alone.adjacency[0], together.adjacency[p])
+
+
+def test_every_old_component_is_matched_and_every_new_one_is_left():
+    num_new = [0, 1, 4, 2]
+    scenes = [random_scene(10 + seed, 12, new) for seed, new in enumerate(num_new)]
+    a, b = components([x for x, _ in scenes], 14), components([y for _, y in scenes], 13)
+    matches = match_structure(build_correspondence_graphs(a, b))
+    for p, new in enumerate(num_new):
+        assert matches.partners_a[p].tolist() == [-1] * new + list(range(new, 12)) + [-1, -1]
+        assert matches.partners_b[p].tolist() == [-1] * new + list(range(new, 12)) + [-1]
+        assert matches.num_matches[p] == 12 - new
+    assert (matches.status == CliqueStatus.MAXIMUM).all()
+
+
+def test_the_clique_is_the_one_networkx_finds():
+    scenes = [random_scene(20 + seed, 10, 3) for seed in range(4)]
+    a, b = components([x for x, _ in scenes], 10), components([y for _, y in scenes], 10)
+    graphs = build_correspondence_graphs(a, b, node_threshold=6.0, arc_threshold=2.5)
+    matches = match_structure(graphs)
+    for p in range(4):
+        V = int(graphs.num_nodes[p])
+        distances = graphs.distances[p, :V].numpy()
+        adjacency = graphs.adjacency[p, :V, :V].numpy()
+        expected, _ = reference.maximum_clique(adjacency, 1 - distances / (6.0 * 10**2))
+        assert matches.num_matches[p] == len(expected)
+        matched = (matches.partners_a[p] >= 0).nonzero().ravel()
+        total = graphs.table[p, matched, matches.partners_a[p, matched]].sum()
+        assert total.item() == pytest.approx(distances[expected].sum(), abs=1e-7)
+
+
+def test_mixtures_that_share_nothing_have_no_match():
+    first, second = random_scene(30, 5, 5)
+    matches = match_structure(build_correspondence_graphs(components([first], 5), components([second], 5)))
+    assert (matches.partners_a == -1).all()
+    assert (matches.partners_b == -1).all()
+    assert matches.num_matches.tolist() == [0]
+    assert matches.status.tolist() == [CliqueStatus.MAXIMUM]
+
+
+def test_thresholds_must_be_positive_numbers():
+    side = components([random_scene(31, 2, 0)[0]], 2)
+    for name in ("node_threshold", "arc_threshold"):
+        for value in (0.0, -1.0, float("inf"), float("nan")):
+            with pytest.raises(ValueError, match=name):
+                build_correspondence_graphs(side, side, **{name: value})
