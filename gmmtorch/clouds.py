@@ -149,6 +149,40 @@ class PointClouds:
             dtype=self.dtype,
         )
 
+    @staticmethod
+    def concatenate(batches: Sequence[PointClouds]) -> PointClouds:
+        """Return the clouds of several batches as one, in order; zero spreads fill in where only some have any.
+
+        Raises:
+            ShapeError: if the list is empty or the batches differ in the number of coordinates.
+        """
+        if len(batches) == 0:
+            raise ShapeError("expected at least one batch to concatenate, got an empty list")
+        dim = _common_dim([batch.points for batch in batches])
+        with_spreads = any(batch.spreads is not None for batch in batches)
+
+        def spreads_of(batch: PointClouds) -> Tensor:
+            zero = batch.points.new_zeros(batch.points.shape[0], dim, dim)
+            return zero if batch.spreads is None else batch.spreads
+
+        return PointClouds(
+            points=torch.cat([batch.points for batch in batches]),
+            weights=torch.cat([batch.weights for batch in batches]),
+            spreads=torch.cat([spreads_of(batch) for batch in batches]) if with_spreads else None,
+            offsets=(0, *np.cumsum([size for batch in batches for size in batch.sizes]).tolist()),
+            dtype=batches[0].dtype,
+        )
+
+    def centroids(self) -> PointClouds:
+        """Return the cells' means alone, each a point of weight 1 without spread (the paper's reading of a cell)."""
+        return PointClouds(
+            points=self.points,
+            weights=torch.ones_like(self.weights),
+            spreads=None,
+            offsets=self.offsets,
+            dtype=self.dtype,
+        )
+
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> PointClouds:
         """Return the batch on another device, or with another precision of the arithmetic."""
         if dtype is not None and dtype not in _ARITHMETIC:
