@@ -13,7 +13,7 @@ from gmmtorch import FitResult, Status
 from novelty.detectors import Comparison, ComponentNovelty
 from novelty.fitting import Models
 from novelty.objects import group_objects
-from novelty.preprocess import METRES_PER_UNIT, PreparedPairs, PreparedScans
+from novelty.preprocess import PreparedPairs, PreparedScans, metres_per
 from novelty.result import Change, ComponentRecord, NoveltyResult, PointState, ResultStatus
 from novelty.scan import Scan, ScanPair
 from novelty.segment import SegmentedPoints
@@ -57,7 +57,7 @@ def assemble(
     removed = _Side("removed", batch.reference, outcome.models.reference, comparison.removed, outcome.removed)
     timings = {stage: duration / len(pairs) for stage, duration in seconds.items()}
     return [
-        _pair_result(row, pair, added, removed, comparison, METRES_PER_UNIT[unit], timings)
+        _pair_result(row, pair, added, removed, comparison, metres_per(unit), timings)
         for row, pair in enumerate(pairs)
     ]
 
@@ -77,7 +77,7 @@ def _pair_result(
         name=pair.name,
         changed=any(bool(change.point_labels.any()) for change in changes),
         p_value=float(comparison.p_value[row]),
-        distance=float(comparison.distance[row]) / metres,
+        distance=float(comparison.distance[row]),
         status=ResultStatus.NOTED if notes else ResultStatus.OK,
         message="\n".join(notes),
         timings=timings,

@@ -22,10 +22,10 @@ from novelty.segment import Segment
 class Config:
     """Every setting of `novelty.detect`; a detector joins by its section here, named as in `detector`."""
 
-    detector: str = Field("likelihood", description="Which detector compares the mixtures.")
-    max_components: int = Field(20, ge=1, description="K_max, the order at which the MDL search starts.")
-    seed: int = Field(0, ge=0, description="Seed of every random choice.")
-    unit: Literal["m", "cm", "mm", "in", "ft"] = Field("m", description="Unit of the scans' coordinates.")
+    detector: str = Field(default="likelihood", description="Which detector compares the mixtures.")
+    max_components: int = Field(default=20, ge=1, description="K_max, the order at which the MDL search starts.")
+    seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
+    unit: Literal["m", "cm", "mm", "in", "ft"] = Field(default="m", description="Unit of the scans' coordinates.")
     preprocess: Preprocess = Field(default_factory=Preprocess)
     fit: Fit = Field(default_factory=Fit)
     segment: Segment = Field(default_factory=Segment)
@@ -43,7 +43,7 @@ class Config:
     @property
     def chosen_detector(self) -> Detector:
         """The detector that `detector` names, with its parameters."""
-        return getattr(self, self.detector)  # type: ignore[no-any-return]
+        return getattr(self, self.detector)
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Config:
@@ -79,7 +79,7 @@ class Config:
 
     def to_mapping(self) -> dict[str, Any]:
         """Nested plain dictionaries, as a YAML file would hold them; `from_mapping` inverts it."""
-        return _adapter().dump_python(self, mode="json")  # type: ignore[no-any-return]
+        return _adapter().dump_python(self, mode="json")
 
 
 def detector_names() -> list[str]:

@@ -31,7 +31,7 @@ class ResultStatus(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class ComponentRecord:
-    """One component of a scan's mixture and what the detector made of it; lengths in metres.
+    """One component of a scan's mixture and what the detector made of it; lengths in the unit of the scan as given.
 
     Attributes:
         index: Its row in the mixture.
@@ -43,7 +43,7 @@ class ComponentRecord:
         score: Higher = more novel.
         p_value: NaN where the detector has no null distribution.
         match: Component of the other mixture that explains it, -1 none.
-        distance: Ground distance to that match, NaN without one.
+        distance: Ground distance to that match (lengths in metres), NaN without one.
         reason: One sentence.
     """
 
@@ -134,7 +134,7 @@ class NoveltyResult:
         name: The pair's name.
         changed: Whether anything changed at all.
         p_value: Probability of the evidence if nothing had changed; NaN where the detector has none.
-        distance: Distance between the two mixtures (eq. 8); NaN where the detector has none.
+        distance: Distance between the two mixtures (eq. 8; lengths in metres); NaN where the detector has none.
         status: Whether the answer stands, stands with notes, or could not be given.
         message: The notes, or the reason of the failure; empty when there is nothing to say.
         timings: Seconds per stage; of a batch, the batch's time divided by its number of pairs.

@@ -18,11 +18,11 @@ class Segment:
     """How points follow the components (ChoosePtsfromGaussian)."""
 
     rule: Literal["map", "posterior"] = Field(
-        "map",
+        default="map",
         description="A point is novel when its most probable component is (map), or when the posterior of a novel "
         "component exceeds `posterior_threshold` (posterior).",
     )
-    posterior_threshold: float = Field(0.5, ge=0, lt=1, description="Threshold of the rule `posterior`.")
+    posterior_threshold: float = Field(default=0.5, ge=0, lt=1, description="Threshold of the rule `posterior`.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,50 +14,50 @@ class Preprocess:
     """What is taken out of a scan and how the rest is simplified (section 2.2)."""
 
     min_range: float | None = Field(
-        None, ge=0, description="Least distance from the sensor, m; null: no limit. Needs the scan's origin."
+        default=None, ge=0, description="Least distance from the sensor, m; null: no limit. Needs the scan's origin."
     )
     max_range: float | None = Field(
-        None,
+        default=None,
         gt=0,
         description="Greatest distance from the sensor, m; null: no limit. Needs the scan's origin.",
     )
     min_height: float | None = Field(
-        None, description="Least coordinate along `up`, in the frame of the scan, m; null: no limit."
+        default=None, description="Least coordinate along `up`, in the frame of the scan, m; null: no limit."
     )
     max_height: float | None = Field(
-        None, description="Greatest coordinate along `up`, in the frame of the scan, m; null: no limit."
+        default=None, description="Greatest coordinate along `up`, in the frame of the scan, m; null: no limit."
     )
     outliers: Literal["statistical", "none"] = Field(
-        "statistical", description="How sparse outliers are taken out (Rusu et al. 2008)."
+        default="statistical", description="How sparse outliers are taken out (Rusu et al. 2008)."
     )
-    outlier_neighbors: int = Field(20, ge=2, description="Neighbours whose mean distance is looked at.")
+    outlier_neighbors: int = Field(default=20, ge=2, description="Neighbours whose mean distance is looked at.")
     outlier_std_ratio: float = Field(
-        2.0,
+        default=2.0,
         gt=0,
         description="A point is an outlier beyond mean + ratio * standard deviation of that distance.",
     )
     ground: Literal["ransac", "none"] = Field(
-        "ransac", description="How the ground plane is taken out (Lai & Fox 2009)."
+        default="ransac", description="How the ground plane is taken out (Lai & Fox 2009)."
     )
     up: tuple[float, float, float] = Field(
-        (0.0, 0.0, 1.0), description="Direction away from the ground in the frame of the scan; any length."
+        default=(0.0, 0.0, 1.0), description="Direction away from the ground in the frame of the scan; any length."
     )
     max_ground_tilt: float = Field(
-        15.0, ge=0, le=90, description="Greatest angle between the ground's normal and `up`, degrees."
+        default=15.0, ge=0, le=90, description="Greatest angle between the ground's normal and `up`, degrees."
     )
     ground_distance: float | None = Field(
-        None,
+        default=None,
         gt=0,
         description="Points this near to the plane belong to the ground, m; null: from the scan's own spacing "
         "and noise.",
     )
     simplify: Literal["or", "and", "none"] = Field(
-        "or",
+        default="or",
         description="A cluster is split while it has more than `max_cell_size` points or (and) its surface "
         "variation is above `max_surface_variation`; none: every point is a cell.",
     )
-    max_cell_size: int = Field(20, ge=1, description="Points in a cluster that need not be split.")
+    max_cell_size: int = Field(default=20, ge=1, description="Points in a cluster that need not be split.")
     max_surface_variation: float = Field(
-        0.1, ge=0, le=1 / 3, description="Surface variation (eq. 1) of a cluster that need not be split."
+        default=0.1, ge=0, le=1 / 3, description="Surface variation (eq. 1) of a cluster that need not be split."
     )
-    seed: int = Field(0, ge=0, description="Seed of RANSAC; every scan starts from it anew.")
+    seed: int = Field(default=0, ge=0, description="Seed of RANSAC; every scan starts from it anew.")

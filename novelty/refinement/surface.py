@@ -1,0 +1,126 @@
+"""How far points lie from the surface that another scan measured, in units of that surface's own uncertainty.
+
+The cells of simplification are a mixture of thousands of small Gaussians that follows every surface of a scan at the
+resolution of its sampling. A point on such a surface is within a few standard deviations of a nearby cell, whatever
+the range, the density or the unit; a point off it is not. The squared Mahalanobis distance to the nearest cell,
+floored by the resolution, is the finest comparison the data allow and needs no length.
+"""
+
+from __future__ import annotations
+
+import torch
+from scipy.spatial import cKDTree
+
+from gmmtorch import PointClouds
+
+NEIGHBOURS = 8
+"""Cells asked about one point: enough that an elongated cell is not missed because its mean is far."""
+
+CALIBRATION = 20_000
+"""Points of a scan whose own distances are looked at."""
+
+CHUNK = 16_384
+"""Points per step, so that no temporary exceeds a few tens of megabytes."""
+
+
+def surface_distances(points: PointClouds, cells: PointClouds, resolution: torch.Tensor) -> torch.Tensor:
+    """Squared Mahalanobis distance of every point to the nearest cell of the other scan, float64 (N,).
+
+    Args:
+        points: B clouds of points, m.
+        cells: B clouds of cells; row b is the other scan of row b.
+        resolution: (B,) m; below it two scans of one surface cannot be told apart. Its square is added to every
+            cell's covariance.
+
+    Returns:
+        min over nearby cells j of (x - m_j)^T (S_j + r^2 I)^-1 (x - m_j); inf where the other scan is empty.
+    """
+    spreads = cells.spreads
+    if spreads is None:
+        spreads = points.points.new_zeros(cells.points.shape[0], cells.dim, cells.dim)
+    rows = zip(
+        points.split(points.points),
+        cells.split(cells.points),
+        cells.split(spreads),
+        resolution.tolist(),
+        strict=True,
+    )
+    return torch.cat([_distances(*row) for row in rows])
+
+
+def _distances(points: torch.Tensor, means: torch.Tensor, spreads: torch.Tensor, resolution: float) -> torch.Tensor:
+    if not len(means):
+        return points.new_full((len(points),), torch.inf)
+    centre = means.mean(dim=0)  # maps live far from their origin
+    points, means = points - centre, means - centre
+    floor = resolution**2 * torch.eye(means.shape[1], dtype=means.dtype)
+    whitener = torch.linalg.inv(torch.linalg.cholesky(spreads + floor))  # (M, 3, 3)
+    neighbours = min(NEIGHBOURS, len(means))
+    _, nearest = cKDTree(means.numpy()).query(points.numpy(), k=neighbours, workers=-1)
+    nearest = torch.from_numpy(nearest).reshape(len(points), neighbours)
+    chunks = zip(points.split(CHUNK), nearest.split(CHUNK), strict=True)
+    return torch.cat([_nearest(chunk, rows, means, whitener) for chunk, rows in chunks])
+
+
+def _nearest(
+    points: torch.Tensor, rows: torch.Tensor, means: torch.Tensor, whitener: torch.Tensor
+) -> torch.Tensor:
+    offsets = points[:, None, :] - means[rows]  # (n, k, 3)
+    white = torch.einsum("nkij,nkj->nki", whitener[rows], offsets)
+    return white.square().sum(dim=-1).amin(dim=1)
+
+
+def own_quantile(
+    points: PointClouds, cell_of_point: torch.Tensor, resolution: torch.Tensor, share: float
+) -> torch.Tensor:
+    """Squared distance that a share of a scan's points keep from a surface they had no part in, float64 (B,).
+
+    Every second point makes the cells and the others are measured against them, so that no point vouches for itself.
+
+    Args:
+        points: B clouds of points, m.
+        cell_of_point: int64 (N,), cell of each point, packed over the clouds.
+        resolution: (B,) m, see `surface_distances`.
+        share: In (0, 1), the quantile.
+
+    Returns:
+        The quantile; NaN for a cloud of fewer than two points.
+    """
+    position = torch.arange(len(points.points)) - _starts(points)[points.cloud_index]
+    half = position % 2 == 0
+    cells = _cells_of(points, cell_of_point, half)
+    others = _members(points, ~half)
+    distances = surface_distances(others, cells, resolution)
+    return torch.stack(
+        [part.quantile(share) if len(part) else part.new_tensor(torch.nan) for part in _thinned(others, distances)]
+    )
+
+
+def _cells_of(points: PointClouds, cell_of_point: torch.Tensor, members: torch.Tensor) -> PointClouds:
+    """Means and covariances of the cells from their `members` alone; cells without one are left out."""
+    rows, local = cell_of_point[members].unique(return_inverse=True)
+    owner = torch.empty_like(rows).scatter_(0, local, points.cloud_index[members])
+    counts = torch.bincount(local).to(torch.float64)
+    chosen = points.points[members]
+    means = torch.zeros(len(rows), 3, dtype=torch.float64).index_add_(0, local, chosen - chosen[:1])
+    means = means / counts[:, None] + chosen[:1]
+    offsets = chosen - means[local]
+    products = (offsets[:, :, None] * offsets[:, None, :]).flatten(1)
+    spreads = torch.zeros(len(rows), 9, dtype=torch.float64).index_add_(0, local, products)
+    sizes = torch.bincount(owner, minlength=points.batch_size).tolist()
+    spreads = (spreads / counts[:, None]).reshape(-1, 3, 3)
+    return PointClouds.from_list(list(means.split(sizes)), spreads=list(spreads.split(sizes)))
+
+
+def _members(points: PointClouds, members: torch.Tensor) -> PointClouds:
+    parts = zip(points.split(points.points), points.split(members), strict=True)
+    return PointClouds.from_list([part[chosen] for part, chosen in parts])
+
+
+def _thinned(points: PointClouds, values: torch.Tensor) -> list[torch.Tensor]:
+    """At most `CALIBRATION` values of each cloud, evenly spaced: a quantile needs no more."""
+    return [part[:: max(1, len(part) // CALIBRATION)] for part in points.split(values)]
+
+
+def _starts(clouds: PointClouds) -> torch.Tensor:
+    return torch.tensor(clouds.offsets[:-1])

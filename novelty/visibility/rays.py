@@ -1,0 +1,92 @@
+"""The rays of a scan around its origin: what the sensor saw in a direction, and how far it saw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+NEIGHBOURS = 6
+"""Rays of the other scan that are asked about one point."""
+
+REACH = 1.5
+"""A ray speaks for a point when it passes within this many typical gaps between neighbouring rays."""
+
+
+class Sight(IntEnum):
+    """What another scan knows of a point in space."""
+
+    NO_RAY = 0
+    SEEN_THROUGH = 1
+    HIDDEN = 2
+    SURFACE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """The returns of one scan as seen from its origin.
+
+    Attributes:
+        origin: (3,) where the sensor stood, m.
+        directions: (N, 3) unit vectors.
+        ranges: (N,) m.
+    """
+
+    origin: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    ranges: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, points: NDArray[np.float64], origin: NDArray[np.float64]) -> Rays:
+        """The rays that ended in `points` (N, 3); a point on the origin itself has no direction and is left out."""
+        away = points - origin
+        ranges = np.linalg.norm(away, axis=1)
+        real = ranges > 0
+        return cls(origin=origin, directions=away[real] / ranges[real, None], ranges=ranges[real])
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.directions, balanced_tree=False, compact_nodes=False)
+
+    @cached_property
+    def gap(self) -> float:
+        """Typical chord between neighbouring rays on the unit sphere, the wider one of an anisotropic pattern."""
+        sample = self.directions[:: max(1, len(self.directions) // 2000)]
+        chords, _ = self._tree.query(sample, k=min(NEIGHBOURS + 1, len(self.directions)), workers=-1)
+        return float(np.median(np.atleast_2d(chords)[:, -1]))
+
+    def sights(self, points: NDArray[np.float64], tolerance: float) -> NDArray[np.uint8]:
+        """Say of every point (M, 3) whether this scan saw through it, a surface there, or something before it.
+
+        Args:
+            points: Places in space, m.
+            tolerance: Range difference that noise and pose error explain, m.
+
+        Returns:
+            `Sight` of each point, uint8 (M,). SEEN_THROUGH when every neighbouring ray went on behind the point,
+            HIDDEN when every one ended before it, SURFACE when they bracket it, NO_RAY when none passes near.
+        """
+        sights = np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
+        if not len(points) or not len(self.ranges):
+            return sights
+        away = points - self.origin
+        ranges = np.linalg.norm(away, axis=1)
+        least, most = self._bracket(away / np.maximum(ranges, np.finfo(float).tiny)[:, None])
+        seen = np.isfinite(least)
+        sights[seen] = Sight.SURFACE
+        sights[seen & (ranges < least - tolerance)] = Sight.SEEN_THROUGH
+        sights[seen & (ranges > most + tolerance)] = Sight.HIDDEN
+        return sights
+
+    def _bracket(self, directions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Least and greatest range among the rays that pass near each direction (M, 3); inf and -inf without one."""
+        chords, rows = self._tree.query(
+            directions, k=NEIGHBOURS, distance_upper_bound=REACH * self.gap, workers=-1
+        )
+        near = np.isfinite(chords)  # (M, NEIGHBOURS)
+        ranges = self.ranges[np.where(near, rows, 0)]
+        return np.where(near, ranges, np.inf).min(axis=1), np.where(near, ranges, -np.inf).max(axis=1)
