@@ -124,21 +124,25 @@ def _drop_useless_points(clouds: PointClouds) -> tuple[PointClouds, tuple[Status
 def _center_and_extent(clouds: PointClouds) -> tuple[Tensor, Tensor]:
     """Robust centre (B, D) and extent (B,) of every cloud, m; an extent of 0 means that all points are one."""
     center = clouds.points.new_zeros(clouds.batch_size, clouds.dim)
-    extent = clouds.points.new_zeros(clouds.batch_size)
     if max(clouds.sizes) == 0:
-        return center, extent
+        return center, center[:, 0]
     index, mask = subsample(clouds, _SAMPLE)
     weights = torch.where(mask, clouds.weights[index], 0.0)
     center = weighted_median(torch.where(mask[..., None], clouds.points[index], torch.inf), weights)
     center = torch.where(mask.any(1, keepdim=True), center, 0.0)
+    squared = (clouds.points[index] - center[:, None]).square().sum(-1)  # (B, S)
+    if clouds.spreads is not None:
+        squared = squared + clouds.spreads.diagonal(dim1=1, dim2=2).sum(-1)[index]
+    extent = weighted_median(torch.where(mask, squared, torch.inf), weights).sqrt()
+    if bool((extent == 0).any()):
+        extent = torch.where(extent > 0, extent, _root_mean_square(clouds, center))
+    return center, torch.where(mask.any(1), extent, 0.0)
+
+
+def _root_mean_square(clouds: PointClouds, center: Tensor) -> Tensor:
+    """RMS distance of all points to the centre (B,), m: the extent when half of the points are one and the same."""
     squared = (clouds.points - center[clouds.cloud_index]).square().sum(1)
     if clouds.spreads is not None:
         squared = squared + clouds.spreads.diagonal(dim1=1, dim2=2).sum(-1)
-    extent = weighted_median(torch.where(mask, squared[index], torch.inf), weights).sqrt()
-    spread_of_all = torch.stack(
-        [
-            (w @ d / w.sum()).sqrt() if len(w) else d.new_zeros(())
-            for w, d in zip(clouds.split(clouds.weights), clouds.split(squared), strict=True)
-        ]
-    )
-    return center, torch.where(mask.any(1), torch.where(extent > 0, extent, spread_of_all), 0.0)
+    weighted = torch.stack([v.sum() for v in clouds.split(squared * clouds.weights)])
+    return (weighted / clouds.total_weights.clamp_min(torch.finfo(torch.float64).tiny)).sqrt()

@@ -17,7 +17,7 @@ from gmmtorch.errors import ArgumentError, ShapeError, Status
 from gmmtorch.initializers import initial_means
 from gmmtorch.mixtures import GaussianMixtures
 from gmmtorch.normalization import NormalizedClouds, normalize
-from gmmtorch.statistics import Tiles, expectation
+from gmmtorch.statistics import Tiles, total_covariance
 
 __all__ = [
     "CovarianceFloor",
@@ -29,7 +29,6 @@ __all__ = [
     "initial_components",
     "mixtures_from_components",
     "prepare",
-    "tolerances",
 ]
 
 CovarianceFloor = Literal["model", "paper"]
@@ -96,7 +95,7 @@ def prepare(
         raise ArgumentError(f"relative_floor and min_std must be >= 0, got {relative_floor} and {min_std}")
     normalized = normalize(clouds, min_std, relative_floor)
     tiles = Tiles.build(normalized.clouds)
-    covariance = _total_covariance(tiles, clouds.dim)
+    covariance = total_covariance(tiles)
     floor, added = normalized.floor, normalized.floor.square()
     if covariance_floor == "paper":
         mean_variance = covariance.diagonal(dim1=1, dim2=2).mean(1)
@@ -192,13 +191,3 @@ def _tolerances(clouds: PointClouds, tolerance: Tolerance) -> Tensor | None:
     if not isinstance(tolerance, int | float) or math.isnan(tolerance):
         raise ArgumentError(f"tolerance must be a number of nats, 'mdl' or None, got {tolerance!r}")
     return torch.full_like(total, float(tolerance))
-
-
-def _total_covariance(tiles: Tiles, dim: int) -> Tensor:
-    """Covariance of every whole cloud, spreads included (B, D, D): the statistics of a single component."""
-    batch = tiles.batch_size
-    like = {"dtype": torch.float64, "device": tiles.owner.device}
-    identity = torch.eye(dim, **like).expand(batch, 1, dim, dim)
-    single = Components(torch.ones(batch, 1, **like), torch.zeros(batch, 1, dim, **like), identity, identity)
-    statistics = expectation(tiles, single, torch.zeros(batch, **like))
-    return statistics.covariances()[:, 0]

@@ -131,10 +131,11 @@ def fit_mdl(
 
 @torch.no_grad()
 def description_length(mixtures: GaussianMixtures, clouds: PointClouds, criterion: str = "mdl") -> Tensor:
-    """Description length of given mixtures (B,), nats: eq. 6, or another criterion."""
+    """Description length of given mixtures (B,), nats: eq. 6, or another criterion; 0 for an empty mixture."""
     per_point = clouds.split(mixtures.log_prob(clouds) * clouds.weights)
     log_likelihood = torch.stack([v.sum() for v in per_point])
-    return criterion_named(criterion)(log_likelihood, mixtures.weights, clouds.total_weights, clouds.dim)
+    value = criterion_named(criterion)(log_likelihood, mixtures.weights, clouds.total_weights, clouds.dim)
+    return torch.where(mixtures.num_components > 0, value, 0.0)
 
 
 def _search(

@@ -18,6 +18,7 @@ the rows. The tiles pass in chunks whose logits stay in the processor's cache. P
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -28,12 +29,13 @@ from gmmtorch import linalg
 from gmmtorch.clouds import PointClouds
 from gmmtorch.components import Components
 
-__all__ = ["Statistics", "Tiles", "expectation", "log_likelihood"]
+__all__ = ["Statistics", "Tiles", "expectation", "log_likelihood", "total_covariance"]
 
-TILE = 256
+TILE = 512
 _CHUNK_BYTES = 1 << 20  # of logits that pass at once: they stay in the second-level cache
 _CUDA_CHUNK_BYTES = 1 << 28
-_CLAMP = -60.0  # exp of less is a denormal number in float32, and those are 10 times slower; e^-60 = 1e-26
+_LARGEST_SLACK = 60.0  # of a start that is thinner than the floor: exp stays finite
+_CLAMP = -60.0  # exp of much less gives denormal numbers, which are 10 times slower; e^-60 = 1e-26
 
 
 @dataclass(frozen=True)
@@ -140,48 +142,85 @@ def expectation(tiles: Tiles, components: Components, floor: Tensor) -> Statisti
         components: the mixtures, in the same coordinates.
         floor: standard deviation delta that belongs to every point (B,).
     """
-    to_center = tiles.centers[:, None] - components.means[tiles.owner]  # (G, K, D)
-    slack = 0.5 * floor[:, None].square() * components.precisions.diagonal(dim1=-2, dim2=-1).sum(-1)  # (B, K)
-    slack = torch.where(components.weights > 0, slack, 0.0)
     dtype = tiles.features.dtype
-    eta = _local_natural_parameters(components, slack, tiles.owner, to_center).to(dtype)  # (G, K, F)
-    # Row 0 sums the responsibilities, row 1 sums them without the floor's share of the exponent.
-    sums = (
-        torch.stack([torch.zeros_like(slack), slack.clamp_max(60.0)], 1).exp().to(dtype)[tiles.owner]
-    )  # (G, 2, K)
-    moments = torch.empty_like(eta)
-    values = eta.new_empty(eta.shape[0], 2, TILE)
-    peaks = eta.new_empty(eta.shape[0], 1, TILE)
-    for rows in _chunks(tiles, eta.shape[1]):
-        features, weights = tiles.features[rows], tiles.weights[rows]
-        likelihoods = torch.bmm(eta[rows], features)  # (g, K, T)
-        torch.amax(likelihoods, 1, keepdim=True, out=peaks[rows])
-        likelihoods.sub_(peaks[rows]).clamp_(min=_CLAMP).exp_()
-        torch.bmm(sums[rows], likelihoods, out=values[rows])
-        weighted = features * (weights / values[rows, :1])  # (g, F, T)
-        torch.bmm(likelihoods, weighted.transpose(1, 2), out=moments[rows])
-    objective = tiles.weights * (values.log_() + peaks)  # (G, 2, T)
-    totals = _sum_over_tiles(objective.sum(-1, dtype=torch.float64), tiles)  # (B, 2)
-    counts, first, second = _about_reference(moments.double(), to_center, tiles)
+    precisions = components.precisions  # (B, K, D, D)
+    slack = 0.5 * floor[:, None].square() * precisions.diagonal(dim1=-2, dim2=-1).sum(-1)  # (B, K)
+    slack = torch.where(components.weights > 0, slack, 0.0)
+    to_center = tiles.centers[:, :, None] - _of_tile(components.means.transpose(1, 2), tiles)  # (G, D, K)
+    eta = _natural_parameters(components.log_scales - slack, precisions, to_center, tiles, dtype)
+    # Row 0 sums the responsibilities; row 1 sums them without the floor's share of the exponent.
+    sums = torch.stack([torch.zeros_like(slack), slack.clamp_max(_LARGEST_SLACK)], 1).exp().to(dtype)
+    moments, values = _pass_over_points(tiles, eta, _of_tile(sums, tiles))
+    per_tile = torch.bmm(values, tiles.weights.transpose(1, 2)).squeeze(-1)  # (G, 2)
+    totals = _sum_over_tiles(per_tile.double(), tiles)  # (B, 2)
+    counts, first, second = _about_means(moments.double(), to_center, tiles)
     return Statistics(counts, first, second, components.means, totals[:, 0], totals[:, 1])
+
+
+def total_covariance(tiles: Tiles) -> Tensor:
+    """Covariance of every whole cloud, spreads included (B, D, D) float64; 0 for a cloud without points."""
+    moments = torch.bmm(tiles.features, tiles.weights.transpose(1, 2)).double()  # (G, F, 1)
+    counts, first, second = _about_means(moments, tiles.centers[..., None], tiles)
+    counts = torch.where(counts > 0, counts, 1.0)[..., None]  # (B, 1, 1)
+    mean = first / counts
+    return (second / counts[..., None] - mean[..., :, None] * mean[..., None, :])[:, 0]
+
+
+def _pass_over_points(tiles: Tiles, eta: Tensor, sums: Tensor) -> tuple[Tensor, Tensor]:
+    """The only work per point and component: two products with the features, and a softmax between them.
+
+    Args:
+        tiles: the batch.
+        eta: natural parameters relative to the tiles' centres (G, F, K).
+        sums: rows of factors by which the likelihoods are added up (G, 2, K); the first is all ones.
+
+    Returns:
+        Moments sum_n w_n r_nk phi_n (G, F, K) and logarithms of the sums of likelihoods (G, 2, T), nats.
+    """
+    num_tiles, num_features, num_components = eta.shape
+    moments = torch.empty_like(eta)
+    values = eta.new_empty(num_tiles, 2, TILE)
+    peaks = eta.new_empty(num_tiles, 1, TILE)
+    chunks = _chunks(tiles, num_components, eta.dtype)
+    size = max((rows.stop - rows.start for rows in chunks), default=0)
+    likelihood_space = eta.new_empty(size, num_components, TILE)
+    feature_space = eta.new_empty(size, num_features, TILE)
+    for rows in chunks:
+        features, value, peak = tiles.features[rows], values[rows], peaks[rows]
+        likelihoods = likelihood_space[: rows.stop - rows.start]  # (g, K, T)
+        weighted = feature_space[: rows.stop - rows.start]  # (g, F, T)
+        torch.bmm(eta[rows].transpose(1, 2), features, out=likelihoods)
+        torch.amax(likelihoods, 1, keepdim=True, out=peak)
+        _exp_below(likelihoods, peak)
+        torch.bmm(sums[rows], likelihoods, out=value)
+        torch.mul(features, tiles.weights[rows] / value[:, :1], out=weighted)
+        torch.bmm(weighted, likelihoods.transpose(1, 2), out=moments[rows])
+    return moments, values.log_().add_(peaks)
+
+
+def _exp_below(logits: Tensor, peak: Tensor) -> Tensor:
+    """exp(logits - peak) in place, without the denormal numbers that make it 10 times slower."""
+    return logits.sub_(peak).clamp_(min=_CLAMP).exp_()
 
 
 def log_likelihood(tiles: Tiles, components: Components) -> Tensor:
     """Total log-likelihood of every cloud, always in float64 (B,), nats in normalised coordinates."""
-    to_center = tiles.centers[:, None] - components.means[tiles.owner]
-    eta = _local_natural_parameters(components, torch.zeros_like(components.weights), tiles.owner, to_center)
+    to_center = tiles.centers[:, :, None] - _of_tile(components.means.transpose(1, 2), tiles)
+    eta = _natural_parameters(
+        components.log_scales, components.precisions, to_center, tiles, torch.float64
+    )  # (G, F, K)
     per_tile = eta.new_empty(eta.shape[0], 1)
-    for rows in _chunks(tiles, eta.shape[1], torch.float64):
+    for rows in _chunks(tiles, eta.shape[2], torch.float64):
         spreads = None if tiles.spreads is None else tiles.spreads[rows]
-        logits = torch.bmm(eta[rows], lift(tiles.local[rows], spreads, torch.float64))
+        logits = torch.bmm(eta[rows].transpose(1, 2), lift(tiles.local[rows], spreads, torch.float64))
         peak = logits.amax(1, keepdim=True)
-        value = logits.sub_(peak).clamp_(min=_CLAMP).exp_().sum(1, keepdim=True).log_().add_(peak)
+        value = _exp_below(logits, peak).sum(1, keepdim=True).log_().add_(peak)
         per_tile[rows] = (value * tiles.weights[rows]).sum(-1)
     return _sum_over_tiles(per_tile, tiles)[:, 0]
 
 
 def lift(local: Tensor, spreads: Tensor | None, dtype: torch.dtype) -> Tensor:
-    """Phi = [1, x_a, x_a x_b + S_ab (a <= b)], the mean of the features over a cell: (G, D, T) -> (G, F, T)."""
+    """Lift to phi = [1, x_a, x_a x_b + S_ab (a <= b)], the mean of the features over a cell: (G, D, T) -> (G, F, T)."""
     dim = local.shape[1]
     features = local.new_empty(local.shape[0], linalg.num_lifted(dim), local.shape[2], dtype=dtype)
     features[:, 0] = 1.0
@@ -192,44 +231,68 @@ def lift(local: Tensor, spreads: Tensor | None, dtype: torch.dtype) -> Tensor:
     return features
 
 
-def _chunks(tiles: Tiles, num_components: int, dtype: torch.dtype | None = None) -> list[slice]:
+def _chunks(tiles: Tiles, num_components: int, dtype: torch.dtype) -> list[slice]:
     """Cut the tiles into runs whose logits fit in the cache."""
-    size = torch.finfo(dtype or tiles.features.dtype).bits // 8 * TILE * num_components
+    size = torch.finfo(dtype).bits // 8 * TILE * num_components
     budget = _CUDA_CHUNK_BYTES if tiles.features.is_cuda else _CHUNK_BYTES
     step = max(1, budget // size)
     num_tiles = tiles.owner.shape[0]
     return [slice(g, min(g + step, num_tiles)) for g in range(0, num_tiles, step)]
 
 
-def _local_natural_parameters(
-    components: Components, slack: Tensor, owner: Tensor, to_center: Tensor
+def _of_tile(values: Tensor, tiles: Tiles) -> Tensor:
+    """Values of the cloud that owns each tile: (B, ...) -> (G, ...); a view for a batch of one."""
+    if tiles.batch_size == 1:
+        return values.expand(tiles.owner.shape[0], *values.shape[1:])
+    return values.index_select(0, tiles.owner)
+
+
+def _natural_parameters(
+    log_scales: Tensor, precisions: Tensor, to_center: Tensor, tiles: Tiles, dtype: torch.dtype
 ) -> Tensor:
-    """Eta of every component for coordinates relative to each tile's centre (G, K, F) float64."""
-    dim = to_center.shape[-1]
-    precisions = components.precisions  # (B, K, D, D)
-    quadratic = linalg.pack_symmetric(-precisions)  # x^T P x has every product x_a x_b, a < b, twice
-    quadratic[..., linalg.diagonal_positions(dim)] *= 0.5
-    of_owner = precisions[owner]  # (G, K, D, D)
-    slope = sum(of_owner[..., a] * to_center[..., a, None] for a in range(dim))  # (G, K, D)
-    constant = (components.log_scales - slack)[owner] - 0.5 * (slope * to_center).sum(-1)
-    return torch.cat([constant[..., None], -slope, quadratic[owner]], -1)
+    """Return eta of every component, for coordinates relative to each tile's centre (G, F, K).
+
+    With d = center - mu: eta = [log_scale - d P d / 2, -P d, -P_aa / 2 or -P_ab (a < b)], computed in float64.
+    """
+    dim = to_center.shape[1]
+    rows = _of_tile(precisions.flatten(2).transpose(1, 2).contiguous(), tiles)  # (G, D D, K)
+    eta = torch.empty(to_center.shape[0], linalg.num_lifted(dim), to_center.shape[2], dtype=dtype).to(
+        rows.device
+    )
+    constant = _of_tile(log_scales, tiles)  # (G, K)
+    for a in range(dim):
+        slope = rows[:, a * dim] * to_center[:, 0]
+        for b in range(1, dim):
+            slope.addcmul_(rows[:, a * dim + b], to_center[:, b])
+        constant = torch.addcmul(constant, slope, to_center[:, a], value=-0.5)
+        torch.neg(slope, out=slope)
+        eta[:, 1 + a] = slope
+    eta[:, 0] = constant
+    for i, (a, b) in enumerate(zip(*linalg.triangle(dim), strict=True)):
+        eta[:, 1 + dim + i] = rows[:, a * dim + b] * (-0.5 if a == b else -1.0)
+    return eta
 
 
-def _about_reference(moments: Tensor, to_center: Tensor, tiles: Tiles) -> tuple[Tensor, Tensor, Tensor]:
-    """Shift the moments of every tile (G, K, F) to the old means and add them up per cloud."""
-    dim = to_center.shape[-1]
-    counts, first, second = moments.split([1, dim, moments.shape[-1] - 1 - dim], -1)
-    rows, cols = (torch.tensor(i, device=moments.device) for i in linalg.triangle(dim))
-    shifted = first + counts * to_center
-    second = second + first[..., rows] * to_center[..., cols] + to_center[..., rows] * shifted[..., cols]
-    total = _sum_over_tiles(torch.cat([counts, shifted, second], -1).flatten(1), tiles)
-    total = total.unflatten(1, moments.shape[1:])
+def _about_means(moments: Tensor, to_center: Tensor, tiles: Tiles) -> tuple[Tensor, Tensor, Tensor]:
+    """Shift the moments of every tile (G, F, K) float64 to the old means, in place, and add them up per cloud."""
+    dim = to_center.shape[1]
+    count, first, second = moments[:, 0], moments[:, 1 : 1 + dim], moments[:, 1 + dim :]
+    pairs = list(enumerate(zip(*linalg.triangle(dim), strict=True)))
+    for i, (a, b) in pairs:  # (y + d)(y + d)^T = y y^T + y d^T + d (y + d)^T
+        second[:, i].addcmul_(first[:, a], to_center[:, b])
+    for a in range(dim):
+        first[:, a].addcmul_(count, to_center[:, a])
+    for i, (a, b) in pairs:
+        second[:, i].addcmul_(to_center[:, a], first[:, b])
+    total = (
+        _sum_over_tiles(moments.flatten(1), tiles).unflatten(1, moments.shape[1:]).transpose(1, 2)
+    )  # (B, K, F)
     return total[..., 0], total[..., 1 : 1 + dim], linalg.unpack_symmetric(total[..., 1 + dim :], dim)
 
 
 def _sum_over_tiles(values: Tensor, tiles: Tiles) -> Tensor:
     """Add up the rows of every cloud, in order: (G, C) -> (B, C)."""
-    starts = torch.tensor([0, *tiles.counts[:-1]], device=values.device).cumsum(0)
+    starts = torch.tensor([0, *itertools.accumulate(tiles.counts[:-1])], device=values.device)
     rows = torch.arange(values.shape[0], device=values.device)
     return torch.nn.functional.embedding_bag(rows, values, starts, mode="sum")
 
@@ -256,8 +319,7 @@ def _spatial_order(clouds: PointClouds) -> Tensor:
     unit = clouds.points / (1.0 + clouds.points.abs())
     cells = ((unit + 1.0) * (0.5 * 2**bits)).long().clamp_(0, 2**bits - 1)  # (N, D)
     codes = torch.arange(2**bits, device=clouds.device)
-    spread = sum(((codes >> i) & 1) << (i * dim) for i in range(bits))
-    assert isinstance(spread, Tensor)
+    spread = torch.stack([((codes >> i) & 1) << (i * dim) for i in range(bits)]).sum(0)
     key = clouds.cloud_index << 40
     for a in range(dim):
         key = key + (spread[cells[:, a]] << a)
