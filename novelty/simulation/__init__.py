@@ -7,6 +7,7 @@ True
 """
 
 from novelty.simulation.changes import CHANGES, apply_changes
+from novelty.simulation.drive import Drive, drive, measure_drive
 from novelty.simulation.measure import Measurement, measure, simulate
 from novelty.simulation.meshes import Mesh, join, load_mesh
 from novelty.simulation.pairs import (
@@ -32,6 +33,7 @@ __all__ = [
     "SENSORS",
     "Body",
     "BodyState",
+    "Drive",
     "Measurement",
     "Mesh",
     "PairOptions",
@@ -45,6 +47,7 @@ __all__ = [
     "compare_worlds",
     "corridor_pair",
     "demo_pair",
+    "drive",
     "find_truth",
     "get_sensor",
     "join",
@@ -52,6 +55,7 @@ __all__ = [
     "make_pose",
     "make_scene",
     "measure",
+    "measure_drive",
     "office_pair",
     "pair_up",
     "room_pair",

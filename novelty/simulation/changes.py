@@ -9,13 +9,16 @@ import numpy as np
 from novelty.errors import InputError
 from novelty.simulation import furniture
 from novelty.simulation.meshes import Mesh
-from novelty.simulation.poses import FloatArray, make_pose
+from novelty.simulation.poses import FloatArray, inverse, make_pose, transform
 from novelty.simulation.raycast import RayScene
 from novelty.simulation.scenes import Scene, ahead, footprints
 from novelty.simulation.world import World
 
 CLEARANCE = 0.08
 """Free space kept round a new object, m."""
+
+IN_SIGHT = 0.15
+"""Share of an object's corners that must be seen for it to be moved or taken away."""
 
 Change = Callable[[Scene, World, np.random.Generator, float | None], World]
 """From the scene, the world so far, a generator and a size (m; None: the usual one) to the new world."""
@@ -38,7 +41,7 @@ def add_cylinder(scene: Scene, world: World, rng: np.random.Generator, size: flo
 
 
 def open_door(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
-    """The closed door nearest to what the sensor looks at is opened.
+    """One of the closed doors nearest to what the sensor looks at (to within 1 m) is opened.
 
     Raises:
         InputError: All doors are open, or the scene has none.
@@ -47,10 +50,10 @@ def open_door(scene: Scene, world: World, rng: np.random.Generator, size: float 
     if not closed:
         raise InputError(f"The scene {scene.name!r} has no closed door left to open.")
     focus = ahead(scene.viewpoint, 3.0)
-    nearest = min(
-        closed, key=lambda name: float(np.linalg.norm(world.bodies[name].vertices.mean(axis=0) - focus))
-    )
-    return world.move(nearest, scene.open_doors[nearest])
+    distance = [np.linalg.norm(world.bodies[name].vertices.mean(axis=0) - focus) for name in closed]
+    near = [name for name, far in zip(closed, distance, strict=True) if far <= min(distance) + 1]
+    door = str(rng.choice(near))
+    return world.move(door, scene.open_doors[door])
 
 
 def move_object(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
@@ -113,8 +116,9 @@ def apply_changes(
 
 def _insert(scene: Scene, world: World, name: str, mesh: Mesh, rng: np.random.Generator) -> World:
     number = 1 + sum(other.split(" ")[0] == name for other in world.bodies)
-    for reach in (2.2, 5.0):  # near what the sensor looks at, else anywhere
-        pose = _free_spot(scene, world, mesh, rng, near=ahead(scene.viewpoint, 2.8), reach=reach)
+    for reach, bearing in ((2.0, 25.0), (5.0, 180.0)):  # where a depth camera would see it, else anywhere
+        near = ahead(scene.viewpoint, 3.0)
+        pose = _free_spot(scene, world, mesh, rng, near=near, reach=reach, bearing=bearing)
         if pose is not None:
             return world.add(f"{name} {number}", mesh, pose)
     raise InputError(
@@ -124,18 +128,27 @@ def _insert(scene: Scene, world: World, name: str, mesh: Mesh, rng: np.random.Ge
 
 
 def _movable(scene: Scene, world: World) -> list[str]:
-    """Movable objects that stand on the floor where they stood at first."""
+    """Movable objects that stand on the floor where they stood at first, in sight of the viewpoint."""
+    eye, rays = scene.viewpoint[:3, 3], RayScene(world)
     present = [name for name in scene.movable if name in world.bodies]
     return [
         name
         for name in present
         if world.bodies[name].pose is scene.world.bodies[name].pose
         and abs(world.bodies[name].pose[2, 3]) < 0.01
+        and rays.sees(eye, world.bodies[name].vertices).mean() > IN_SIGHT
     ]
 
 
 def _free_spot(
-    scene: Scene, world: World, mesh: Mesh, rng: np.random.Generator, *, near: FloatArray, reach: float
+    scene: Scene,
+    world: World,
+    mesh: Mesh,
+    rng: np.random.Generator,
+    *,
+    near: FloatArray,
+    reach: float,
+    bearing: float = 180.0,
 ) -> FloatArray | None:
     """A pose (4, 4) on the floor near a point, touching nothing and seen from the viewpoint; None if there is none."""
     radius = float(np.linalg.norm(mesh.vertices[:, :2], axis=1).max()) + CLEARANCE
@@ -147,8 +160,10 @@ def _free_spot(
     rectangles = footprints(world)
     nearest = np.clip(spots[:, None], rectangles[None, :, 0], rectangles[None, :, 1])  # (spots, objects, 2)
     gap = np.linalg.norm(nearest - spots[:, None], axis=2).min(axis=1)
-    far_enough = np.linalg.norm(spots - scene.viewpoint[:2, 3], axis=1) > radius + 0.7
-    spots = spots[(gap > radius) & far_enough]
+    seen_at = transform(inverse(scene.viewpoint), np.column_stack([spots, np.zeros(len(spots))]))
+    far_enough = np.linalg.norm(seen_at[:, :2], axis=1) > radius + 0.7
+    ahead_enough = np.abs(np.degrees(np.arctan2(seen_at[:, 1], seen_at[:, 0]))) <= bearing
+    spots = spots[(gap > radius) & far_enough & ahead_enough]
     middle = np.column_stack([spots, np.full(len(spots), mesh.vertices[:, 2].max() / 2)])
     visible = spots[RayScene(world).sees(scene.viewpoint[:3, 3], middle)] if len(spots) else spots
     if not len(visible):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from novelty.scan import Scan
-from novelty.simulation.poses import FloatArray, as_pose, transform
+from novelty.simulation.poses import FloatArray, as_pose, inverse, transform
 from novelty.simulation.raycast import Hits, RayScene
 from novelty.simulation.sensors import Sensor, get_sensor
 from novelty.simulation.world import World
@@ -32,6 +32,7 @@ class Measurement:
         ranges: float32 (N,), m, the distance that a perfect sensor would have read.
         bodies: int32 (N,), the object that was hit, a position in `scene.names`.
         mixed: bool (N,), whether the reading lies between two surfaces.
+        believed: (S, 4, 4), the poses at which the sensor reports its points; `poses` unless localisation erred.
     """
 
     scene: RayScene
@@ -43,6 +44,7 @@ class Measurement:
     ranges: NDArray[np.float32]
     bodies: NDArray[np.int32]
     mixed: NDArray[np.bool_]
+    believed: FloatArray
 
     @property
     def origins(self) -> FloatArray:
@@ -54,9 +56,17 @@ class Measurement:
         """(N, 3), m, the point of the surface that each ray hit, without noise."""
         return _along(self.poses, self.sweeps, self.directions, self.ranges)
 
+    def believed_at(self, believed: FloatArray) -> Measurement:
+        """The same readings, reported at other poses (S, 4, 4)."""
+        motions = np.stack([new @ inverse(old) for new, old in zip(believed, self.believed, strict=True)])[
+            self.sweeps
+        ]
+        points = np.einsum("ned,nd->ne", motions[:, :3, :3], self.points) + motions[:, :3, 3]
+        return replace(self, points=points, believed=believed)
+
     def scan(self, labels: NDArray[np.uint8] | None = None, name: str = "") -> Scan:
         """The scan that a detector is given."""
-        origin = self.origins if len(self.poses) > 1 else self.poses[0, :3, 3]
+        origin = self.believed[self.sweeps, :3, 3] if len(self.poses) > 1 else self.believed[0, :3, 3]
         return Scan(self.points, origin=origin, labels=labels, name=name)
 
 
@@ -87,7 +97,7 @@ def measure(scene: RayScene, sensor: Sensor, poses: FloatArray, rng: np.random.G
     local = sensor.pattern.directions()  # (lines, rays, 3)
     turns = poses[:, None, :3, :3].transpose(0, 1, 3, 2).astype(np.float32)
     directions = np.matmul(local, turns)  # (S, lines, rays, 3)
-    grid = directions.shape[:3]
+    grid = (len(poses), local.shape[0], local.shape[1])
     hits = scene.cast(poses[:, None, None, :3, 3], directions)
     returned = _returned(scene, sensor, hits, rng)
     read = _read(sensor, np.tile(local[..., 0].ravel(), len(poses)), hits.ranges, rng)
@@ -95,10 +105,13 @@ def measure(scene: RayScene, sensor: Sensor, poses: FloatArray, rng: np.random.G
     kept = np.flatnonzero(returned)
     sweeps, rays, ranges = kept // local[..., 0].size, directions.reshape(-1, 3)[kept], hits.ranges[kept]
     if sensor.emitter is not None:
-        lit = _lit(scene, sensor, poses, sweeps, _along(poses, sweeps, rays, ranges))
+        emitters = np.stack([transform(pose, sensor.emitter) for pose in poses])
+        lit = _lit(scene, emitters, sweeps, _along(poses, sweeps, rays, ranges))
         kept, sweeps, rays, ranges = kept[lit], sweeps[lit], rays[lit], ranges[lit]
     points = _along(poses, sweeps, rays, read[kept])
-    return Measurement(scene, sensor, poses, points, sweeps, rays, ranges, hits.bodies[kept], mixed[kept])
+    return Measurement(
+        scene, sensor, poses, points, sweeps, rays, ranges, hits.bodies[kept], mixed[kept], poses
+    )
 
 
 def _along(
@@ -120,13 +133,13 @@ def _returned(scene: RayScene, sensor: Sensor, hits: Hits, rng: np.random.Genera
 
 
 def _lit(
-    scene: RayScene, sensor: Sensor, poses: FloatArray, sweeps: NDArray[np.intp], surface: FloatArray
+    scene: RayScene, emitters: FloatArray, sweeps: NDArray[np.intp], surface: FloatArray
 ) -> NDArray[np.bool_]:
-    """Which of the points (N, 3) the sensor's own light reaches."""
+    """Which of the points (N, 3) the light of their sweep reaches, from one of `emitters` (S, 3)."""
     lit = np.zeros(len(surface), dtype=np.bool_)
-    for index, pose in enumerate(poses):
+    for index, emitter in enumerate(emitters):
         rows = np.flatnonzero(sweeps == index)
-        lit[rows] = scene.sees(transform(pose, sensor.emitter), surface[rows])
+        lit[rows] = scene.sees(emitter, surface[rows])
     return lit
 
 
@@ -152,15 +165,14 @@ def _mix(
     first, stride = _edges(sensor, hits, grid)
     chosen = first[rng.random(len(first)) < sensor.mixed_pixels]
     share = rng.random(len(chosen), dtype=np.float32)
-    row = chosen + stride * (
-        rng.random(len(chosen)) < 0.5
-    )  # either side of the edge may be the one that straddles
+    second = rng.random(len(chosen)) < 0.5  # either side of the edge may be the one that straddles it
+    row = chosen + stride * second
     read[row] = read[chosen] * (1 - share) + read[chosen + stride] * share
     mixed[row] = True
     return mixed
 
 
-def _edges(sensor: Sensor, hits: Hits, grid: tuple[int, int, int]) -> tuple[NDArray[np.intp], int]:
+def _edges(sensor: Sensor, hits: Hits, grid: tuple[int, int, int]) -> tuple[NDArray[np.int_], int]:
     """Rays with a depth edge between them and the next, and how many places later the next one comes.
 
     A slanted surface also makes neighbouring distances differ, by range * angle / cosine of incidence: no edge.
@@ -170,9 +182,9 @@ def _edges(sensor: Sensor, hits: Hits, grid: tuple[int, int, int]) -> tuple[NDAr
     ranges = hits.ranges.reshape(grid)
     with np.errstate(invalid="ignore"):  # inf - inf where neither ray hits anything
         step = np.abs(np.diff(ranges, axis=axis))
-    place = np.argwhere((step > EDGE) & (step < np.inf))
-    first = np.ravel_multi_index(tuple(place.T), grid)
+    place = np.nonzero((step > EDGE) & (step < np.inf))
+    first = np.ravel_multi_index(place, grid)
     nearer = np.minimum(hits.ranges[first], hits.ranges[first + stride])
     cosine = np.minimum(hits.cosines[first], hits.cosines[first + stride])
     slant = 3 * nearer * sensor.pattern.neighbour_angle / np.maximum(cosine, 0.02)
-    return first[step[tuple(place.T)] > slant], stride
+    return first[step[place] > slant], stride

@@ -9,10 +9,12 @@ from typing import TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from novelty.scan import Scan, ScanPair
+from novelty.errors import InputError
+from novelty.scan import ScanPair
 from novelty.simulation.changes import apply_changes
 from novelty.simulation.measure import Measurement, as_poses, measure
-from novelty.simulation.poses import FloatArray, random_motion, transform
+from novelty.simulation.patterns import PushBroom
+from novelty.simulation.poses import FloatArray, random_motion
 from novelty.simulation.raycast import RayScene
 from novelty.simulation.scenes import Scene, make_scene
 from novelty.simulation.sensors import Sensor, get_sensor
@@ -101,7 +103,8 @@ def simulate_pair(
         **options: See `PairOptions`.
 
     Raises:
-        InputError: An unknown scene, sensor or change, or no room for a new object.
+        InputError: An unknown scene, sensor or change, a sensor that scans only while it drives, or no room for a
+            new object.
     """
     place = make_scene(scene, seed) if isinstance(scene, str) else scene
     changing, moving, first, second, erring = [
@@ -113,26 +116,16 @@ def simulate_pair(
     scenes = RayScene(place.world), RayScene(after)
     reference = measure(scenes[0], sensor, poses[0], first)
     current = measure(scenes[1], sensor, poses[1], second)
-    error = random_motion(*options.get("pose_error", (0.0, 0.0)), erring)
-    return pair_up(reference, current, f"{place.name}-{seed}", error)
+    error = _about(poses[1][0, :3, 3], random_motion(*options.get("pose_error", (0.0, 0.0)), erring))
+    return pair_up(reference, current.believed_at(error @ poses[1]), f"{place.name}-{seed}")
 
 
-def pair_up(
-    reference: Measurement, current: Measurement, name: str = "", pose_error: FloatArray | None = None
-) -> SimulatedPair:
-    """Two measurements as a labelled pair.
-
-    Args:
-        reference: Scan of the world before.
-        current: Scan of the world after.
-        name: Of the pair.
-        pose_error: (4, 4) motion by which the current scan is misplaced, about its first sensor position;
-            None for none.
-    """
+def pair_up(reference: Measurement, current: Measurement, name: str = "") -> SimulatedPair:
+    """Two measurements, of the world before and of the world after, as a labelled pair."""
     truth = find_truth(reference, current)
     scans = ScanPair(
         reference.scan(truth[0].labels, f"{name} reference"),
-        _misplaced(current.scan(truth[1].labels, f"{name} current"), current.poses[0, :3, 3], pose_error),
+        current.scan(truth[1].labels, f"{name} current"),
         name,
     )
     return SimulatedPair(scans, reference.scene.world, current.scene.world, *truth)
@@ -140,6 +133,11 @@ def pair_up(
 
 def _sensor(options: PairOptions) -> Sensor:
     sensor = get_sensor(options.get("sensor", "utm_30lx")).with_density(options.get("density", 1.0))
+    if isinstance(sensor.pattern, PushBroom):
+        raise InputError(
+            f"The sensor {sensor.name} scans while it drives: use `drive` and `measure_drive` for both worlds, "
+            "then `pair_up`."
+        )
     noise = options.get("noise")
     return sensor if noise is None else sensor.with_noise(noise)
 
@@ -156,9 +154,8 @@ def _poses(scene: Scene, options: PairOptions, rng: np.random.Generator) -> tupl
     return scene.viewpoint[None], shifted[None]
 
 
-def _misplaced(scan: Scan, centre: FloatArray, motion: FloatArray | None) -> Scan:
-    if motion is None or scan.origin is None:
-        return scan
-    about = motion.copy()
-    about[:3, 3] += centre - motion[:3, :3] @ centre
-    return Scan(transform(about, scan.points), transform(about, scan.origin), scan.labels, scan.name)
+def _about(centre: FloatArray, motion: FloatArray) -> FloatArray:
+    """A rigid motion (4, 4) that turns about `centre` (3,) instead of the origin."""
+    result = motion.copy()
+    result[:3, 3] += centre - motion[:3, :3] @ centre
+    return result

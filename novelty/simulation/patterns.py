@@ -173,6 +173,42 @@ class SpinningBeams(RayPattern):
 
 
 @dataclass(frozen=True)
+class PushBroom(RayPattern):
+    """A planar laser that looks across the direction of travel x; the vehicle's motion is the other dimension.
+
+    Attributes:
+        field_of_view: Degrees, symmetric about straight up.
+        step: Between two rays, degrees.
+        spacing: Distance that the vehicle travels between two lines, m; a line stands for half of it on either side.
+    """
+
+    field_of_view: float
+    step: float
+    spacing: float
+
+    @property
+    def neighbour_angle(self) -> float:
+        """Radians."""
+        return float(np.radians(self.step))
+
+    def directions(self) -> NDArray[np.float32]:
+        """Unit vectors (1, rays, 3)."""
+        rays = round(self.field_of_view / self.step) + 1
+        angle = np.radians(np.linspace(-self.field_of_view / 2, self.field_of_view / 2, rays))[None]
+        return _stack(0 * angle, np.sin(angle), np.cos(angle))
+
+    def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether each point lies in the slice that one line stands for."""
+        x, y, z = points.T
+        in_slice = np.abs(x) <= 0.51 * self.spacing
+        return in_slice & (np.abs(np.arctan2(y, z)) <= np.radians(self.field_of_view / 2) + BORDER)
+
+    def thinned(self, density: float) -> PushBroom:
+        """More or fewer lines along the way: drive with `spacing` of the result."""
+        return replace(self, spacing=self.spacing / density)
+
+
+@dataclass(frozen=True)
 class PinholeCamera(RayPattern):
     """A camera that looks along x; one line per image row, from the top left pixel.
 

@@ -40,7 +40,7 @@ class Scene:
 
 
 def make_corridor(seed: int = 0) -> Scene:
-    """A corridor about 12 m long and 2.4 m wide: four doors to side rooms, a window, lamps, a pipe and furniture along the walls."""
+    """A corridor of about 12 m x 2.5 m: four doors to side rooms, a window, lamps, a pipe, things along the walls."""
     rng = np.random.default_rng(seed)
     length, width, height = rng.uniform(11, 13), rng.uniform(2.3, 2.7), 2.7
     starts = {side: np.array([3.4, 8.2]) + rng.uniform(-0.6, 0.6, 2) for side in ("left", "right")}
@@ -87,7 +87,7 @@ def make_room(seed: int = 0) -> Scene:
 
 
 def make_office(seed: int = 0) -> Scene:
-    """An office about 9 m x 7 m: six desks with screens and swivel chairs, shelves, cabinets, a column, a window, a door."""
+    """An office about 9 m x 7 m: six desks with screens and chairs, shelves, a cabinet, a column, a window, a door."""
     rng = np.random.default_rng(seed)
     length, width, height = rng.uniform(8.5, 9.5), rng.uniform(6.5, 7.5), 2.8
     site = _Site(World(), {}, [])
@@ -153,7 +153,7 @@ class _Site:
     def long_wall(
         self, side: str, length: float, width: float, height: float, doors: Sequence[float], swing: float
     ) -> None:
-        """A wall along x with doors; `swing` (degrees) turns an open leaf, negative into the space in front of the wall."""
+        """A wall along x with doors; `swing` (degrees) turns an open leaf, negative to the front of the wall."""
         left = side == "left"
         frame = make_pose((0, width / 2, 0)) if left else make_pose((length, -width / 2, 0), yaw=180)
         starts = [start if left else length - start - DOOR_WIDTH for start in doors]

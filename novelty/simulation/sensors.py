@@ -1,7 +1,7 @@
 """Range sensors: where their rays go, how they read a distance, which returns they lose.
 
-Figures come from the data sheets named below. What data sheets do not give (dropouts, mixed pixels, the steepest incidence)
-is set to moderate values and marked so.
+Figures come from the data sheets named below. What data sheets do not give (dropouts, mixed pixels, the steepest
+incidence) is set to moderate values and marked so.
 """
 
 from __future__ import annotations
@@ -11,7 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from novelty.errors import InputError
-from novelty.simulation.patterns import PinholeCamera, RayPattern, RollingLaser, SpinningBeams, TiltingLaser
+from novelty.simulation.patterns import (
+    PinholeCamera,
+    PushBroom,
+    RayPattern,
+    RollingLaser,
+    SpinningBeams,
+    TiltingLaser,
+)
 from novelty.simulation.ranging import DisparityRanging, LaserRanging, Ranging
 
 
@@ -88,6 +95,22 @@ def utm_30lx() -> Sensor:
     )  # fmt: skip
 
 
+def lms_200(spacing: float = 0.05) -> Sensor:
+    """SICK LMS-200 that looks up and sideways from a driving robot, 361 rays per line.
+
+    180 degrees in steps of 0.5 degrees, 8 m in millimetre mode, statistical error 5 mm and readings of 1 mm (technical
+    description LMS 200); resolution and error as characterised by Ye & Borenstein (ICRA 2002). Dropouts, mixed pixels
+    and steepest incidence: assumed.
+
+    Args:
+        spacing: Distance that the robot travels between two lines, m; `novelty.simulation.drive` gives the poses.
+    """
+    return Sensor(
+        "lms_200", PushBroom(180, 0.5, spacing), LaserRanging(0.005), 0.05, 8.0,
+        dropout=0.003, mixed_pixels=0.5,
+    )  # fmt: skip
+
+
 def vlp_16() -> Sensor:
     """Velodyne VLP-16 at 10 Hz, 16 beams x 1808 azimuths.
 
@@ -128,6 +151,7 @@ def kinect() -> Sensor:
 SENSORS: dict[str, Callable[[], Sensor]] = {
     "urg_04lx": urg_04lx,
     "utm_30lx": utm_30lx,
+    "lms_200": lms_200,
     "vlp_16": vlp_16,
     "hdl_32e": hdl_32e,
     "kinect": kinect,

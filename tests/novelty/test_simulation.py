@@ -21,12 +21,15 @@ from novelty.simulation import (
     compare_worlds,
     corridor_pair,
     demo_pair,
+    drive,
     find_truth,
     get_sensor,
     load_mesh,
     make_pose,
     make_scene,
     measure,
+    measure_drive,
+    pair_up,
     simulate,
     simulate_pair,
 )
@@ -81,6 +84,9 @@ def test_worlds_are_compared_by_name_and_surface():
         (lambda: simulate(ROOM, "utm", (0, 0, 1)), "no sensor 'utm'"),
         (lambda: make_scene("garden"), "no scene 'garden'"),
         (lambda: corridor_pair(changes=["fire"]), "no change 'fire'"),
+        (lambda: corridor_pair(sensor="lms_200"), "lms_200 scans while it drives"),
+        (lambda: drive((0, 0, 1), (0, 0, 1)), "two different places"),
+        (lambda: drive((0, 0, 1), (1, 0, 1), drift=(0.01, 0.1)), "needs a generator"),
         (lambda: get_sensor("kinect").with_noise(0.01), "no constant range noise"),
     ],
 )
@@ -159,10 +165,10 @@ def test_own_meshes_can_be_scanned(tmp_path, suffix):
 def test_noiseless_points_lie_on_the_surface_that_was_hit(name):
     pose = make_pose((500_000.2, -40.0, 7.0), yaw=30)
     world = World().add("room", box((-4, -3, 0), (4, 3, 2.5)), make_pose((500_000, -40, 6), yaw=12))
-    scan = scan_of(world, get_sensor(name).ideal(), pose)
+    scan = scan_of(world, get_sensor(name).with_density(0.2).ideal(), pose)
     local = (scan.points - world.bodies["room"].pose[:3, 3]) @ world.bodies["room"].pose[:3, :3]
     off_wall = np.min(np.abs(np.concatenate([local - (-4, -3, 0), local - (4, 3, 2.5)], axis=1)), axis=1)
-    assert len(scan.points) > 1000
+    assert len(scan.points) > 300
     assert off_wall.max() < 1e-4
     assert np.array_equal(scan.points, scan.surface)
 
@@ -173,8 +179,13 @@ def test_every_ray_is_inside_the_field_of_view(name):
     rays = pattern.directions().reshape(-1, 3).astype(np.float64)
     assert np.linalg.norm(rays, axis=1) == pytest.approx(1, abs=1e-6)
     assert pattern.covers(3.0 * rays).all()
-    thinner = get_sensor(name).with_density(0.25).pattern.directions()
-    assert thinner.shape[0] * thinner.shape[1] == pytest.approx(len(rays) / 4, rel=0.05)
+
+
+@pytest.mark.parametrize("name", sorted(set(SENSORS) - {"lms_200"}))
+def test_density_changes_the_number_of_rays(name):
+    rays, fewer = (get_sensor(name).with_density(density).pattern.directions() for density in (1.0, 0.25))
+    assert fewer[..., 0].size == pytest.approx(rays[..., 0].size / 4, rel=0.05)
+    assert get_sensor("lms_200").with_density(0.25).pattern.spacing == 0.2
 
 
 def test_the_field_of_view_has_an_outside():
@@ -205,8 +216,8 @@ def test_relative_noise_grows_with_range():
 
 
 def test_depth_camera_quantises_disparity_and_error_grows_with_the_square():
-    wall = box((2.0, -5, -5), (2.1, 5, 5))
-    scans = [scan_of(World().add("wall", wall, (shift, 0, 0)), "kinect", (0, 0, 0)) for shift in (0.0, 2.0)]
+    wall, camera = box((2.0, -5, -5), (2.1, 5, 5)), get_sensor("kinect").with_density(0.1)
+    scans = [scan_of(World().add("wall", wall, (shift, 0, 0)), camera, (0, 0, 0)) for shift in (0.0, 2.0)]
     disparity = 586 * 0.075 / scans[0].points[:, 0] * 8
     assert disparity == pytest.approx(np.rint(disparity), abs=1e-3)
     spread = [np.std(scan.points[:, 0] - scan.surface[:, 0]) for scan in scans]
@@ -218,7 +229,7 @@ def test_depth_camera_has_shadows_on_one_side():
     world = (
         World().add("wall", box((3, -3, -3), (3.1, 3, 3))).add("post", box((1.5, -0.05, -3), (1.6, 0.05, 3)))
     )
-    scan = scan_of(world, get_sensor("kinect").ideal(), (0, 0, 0))
+    scan = scan_of(world, get_sensor("kinect").with_density(0.2).ideal(), (0, 0, 0))
     y = scan.surface[scan.bodies == 0][:, 1]
     wide = 0.2 * 3 / 1.5  # what the post alone would hide, and more
     assert np.sum((y < 0) & (y > -wide)) < 0.8 * np.sum((y > 0) & (y < wide))
@@ -404,7 +415,7 @@ def test_every_change_fits_into_every_scene(name, seed):
 
 
 def test_new_objects_touch_nothing():
-    for seed in range(10):
+    for seed in range(5):
         scene = make_scene("office", seed)
         world = apply_changes(scene, ("box", "cylinder", "person"), np.random.default_rng(seed))
         added = [
@@ -434,7 +445,9 @@ def test_several_origins_make_one_scan_with_an_origin_per_point():
     pair = corridor_pair(0, origins=(stops, stops[0]), density=0.2)
     assert pair.reference.origin.shape == (pair.reference.num_points, 3)
     assert {tuple(origin) for origin in pair.reference.origin} == set(stops)
-    assert not (pair.current.labels == SEEN_ONCE).mean() > 0.01  # two stops see nearly all that one sees
+    alone = corridor_pair(0, origins=(stops[1], stops[0]), density=0.2)
+    hidden = [np.mean(scans.current.labels == SEEN_ONCE) for scans in (pair, alone)]
+    assert hidden[0] < 0.02 < 0.1 < hidden[1]  # two stops see nearly all that one sees
 
 
 def test_a_pose_error_moves_the_current_scan_rigidly():
@@ -447,6 +460,31 @@ def test_a_pose_error_moves_the_current_scan_rigidly():
     assert np.linalg.norm(one, axis=1) == pytest.approx(np.linalg.norm(other, axis=1), abs=1e-9)
     turn = np.linalg.lstsq(one, other, rcond=None)[0]
     assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_drive_sweeps_the_room_line_by_line_from_its_own_origins():
+    way, sensor = drive((-3.0, 0.5, 0.4), (3.0, 0.5, 0.4), spacing=0.05), get_sensor("lms_200").ideal()
+    scan = measure_drive(RayScene(ROOM), sensor, way, np.random.default_rng(0))
+    assert len(way.poses) == 121
+    assert scan.surface[:, 0] == pytest.approx(scan.origins[:, 0], abs=1e-5)  # lines lie across the way
+    assert (np.diff(scan.origins[:, 0]) >= 0).all()
+    assert scan.surface[:, 2].min() > 0.4 - 1e-3
+    assert (find_truth(scan, scan)[0].labels == UNCHANGED).all()
+
+
+def test_drift_displaces_points_but_not_labels():
+    rng, sensor, scene = np.random.default_rng, get_sensor("lms_200").ideal(), RayScene(ROOM)
+    ways = [
+        drive((-3, y, 0.4), (3, y, 0.4), drift=(0.01, 0.3), rng=rng(seed)) for seed, y in ((1, 0.0), (2, 0.1))
+    ]
+    scans = [measure_drive(scene, sensor, way, rng(0)) for way in ways]
+    assert np.array_equal(scans[0].surface, measure(scene, sensor, ways[0].poses, rng(0)).surface)
+    error = np.linalg.norm(scans[0].points - scans[0].surface, axis=1)
+    assert error[scans[0].sweeps < 10].mean() < 0.5 * error[scans[0].sweeps > 100].mean()
+    assert error.max() < 0.3
+    pair = pair_up(*scans)
+    assert pair.scans.reference.origin[-1] == pytest.approx(ways[0].believed[-1, :3, 3])
+    assert not (pair.current.labels == CHANGED).any()
 
 
 @pytest.mark.slow
@@ -462,10 +500,10 @@ def test_speed():
             seconds.append(time.process_time() - start)
         return min(seconds)
 
-    assert rays / fastest(lambda: measure(scene, sensor, poses, np.random.default_rng(0))) > 1e6
+    assert rays / fastest(lambda: measure(scene, sensor, poses, np.random.default_rng(0))) > 2e6
     pair = corridor_pair(0, density=0.32)
     assert pair.reference.num_points + pair.current.num_points == pytest.approx(60_000, rel=0.1)
-    assert fastest(lambda: corridor_pair(0, density=0.32)) < 2.0
+    assert fastest(lambda: corridor_pair(0, density=0.32)) < 1.0
 
 
 def test_shapes_are_closed():
