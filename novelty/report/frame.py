@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -50,7 +51,10 @@ class Frame:
         shift = np.where(far, np.round((low + high) / 2), 0.0)
         depth_camera = _looks_ahead(points)
         heights = (-points[:, 1] + shift[1]) if depth_camera else (points[:, 2] - shift[2])
-        return cls(shift, low - shift, high - shift, depth_camera, _top(heights))
+        box_top = -low[1] + shift[1] if depth_camera else high[2] - shift[2]
+        return cls(
+            shift, low - shift, high - shift, depth_camera, min(_below_ceiling(heights), float(box_top))
+        )
 
     @property
     def up_axis(self) -> int:
@@ -106,8 +110,9 @@ def _looks_ahead(points: NDArray[np.float64]) -> bool:
     return bool(np.percentile(sideways / np.maximum(ahead, 1e-12), 99) < 1.0 and ahead.min() > 0)
 
 
-def _top(heights: NDArray[np.float64]) -> float:
+def _below_ceiling(heights: NDArray[np.float64]) -> float:
+    """The height under the ceiling; infinite without one."""
     low, high = np.percentile(heights, (0.2, 99.8))
     below_ceiling = high - CEILING * (high - low)
     has_ceiling = (heights > below_ceiling).mean() > CEILING
-    return float(below_ceiling if has_ceiling else high + 0.03 * (high - low))
+    return float(below_ceiling) if has_ceiling else math.inf

@@ -27,7 +27,7 @@ from novelty.report.tables import (
     timing_table,
     version_table,
 )
-from novelty.report.views import MAX_POINTS, mdl_figure, scan_figure
+from novelty.report.views import mdl_figure, scan_figure
 from novelty.result import NoveltyResult, ResultStatus
 from novelty.scan import ScanPair
 
@@ -93,7 +93,6 @@ def _page(
         "facts": _facts(pair, result, run),
         "notes": notes(result),
         "views": _captions(result),
-        "max_points": f"{MAX_POINTS:,}".replace(",", " "),
         "objects": object_table(result, run.unit),
         "scores": score_table(scores),
         "has_mdl": has_mdl,

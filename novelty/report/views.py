@@ -10,6 +10,7 @@ import base64
 import itertools
 import math
 import textwrap
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,24 +22,41 @@ from novelty.scan import Scan
 
 Figure = dict[str, Any]
 
-MAX_POINTS = 24_000
-"""Points shown of one scan and state at most; the rest is thinned evenly."""
-
 SIGMAS = 1.5
 """Semi-axes of the ellipsoids in standard deviations, as in the paper's figures."""
 
 ADDED, REMOVED = "#e8590c", "#2b7de9"
 PALETTE = ("#8ecae6", "#b7c9a8", "#d8b4d8", "#f2cc8f", "#9fb7d9", "#c9ada7", "#a8dadc", "#cdb4db")
 
+
+@dataclass(frozen=True)
+class StateStyle:
+    """How the points of one state are shown.
+
+    Attributes:
+        name: What the legend calls them; empty: the kind of the change.
+        colour: Empty: the colour of the change.
+        opacity: From 0 to 1.
+        size: Of a point, pixels.
+        most: Points shown at most; more are thinned evenly.
+    """
+
+    name: str
+    colour: str
+    opacity: float
+    size: float
+    most: int
+
+
 STATES = {
-    PointState.NOT_EXAMINED: ("not examined", "#9aa0a6", 0.3),
-    PointState.UNCHANGED: ("unchanged", None, 0.85),
-    PointState.OCCLUDED: ("occluded in the other scan", "#c9a227", 0.7),
-    PointState.UNOBSERVED: ("outside the other scan", "#a58fc9", 0.7),
-    PointState.MOVED: ("moved", "#2f9e44", 1.0),
-    PointState.NOVEL: (None, None, 1.0),
+    PointState.NOT_EXAMINED: StateStyle("not examined", "#9aa0a6", 0.3, 1.6, 6_000),
+    PointState.UNCHANGED: StateStyle("unchanged", "#8a94a1", 0.85, 1.6, 20_000),
+    PointState.OCCLUDED: StateStyle("occluded in the other scan", "#c9a227", 0.7, 1.6, 6_000),
+    PointState.UNOBSERVED: StateStyle("outside the other scan", "#a58fc9", 0.7, 1.6, 6_000),
+    PointState.MOVED: StateStyle("moved", "#2f9e44", 1.0, 2.4, 6_000),
+    PointState.NOVEL: StateStyle("", "", 1.0, 2.4, 10_000),
 }
-"""How the points of a state are called, their colour and opacity; None: the colour of the change, or grey."""
+"""In the order in which they are drawn; the limits keep a page small whatever the scans."""
 
 
 def scan_figure(scan: Scan, change: Change, kind: str, frame: Frame, unit: str) -> Figure:
@@ -60,8 +78,14 @@ def scan_figure(scan: Scan, change: Change, kind: str, frame: Frame, unit: str) 
     ]
     layout = {
         "scene": frame.layout(unit),
-        "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
-        "legend": {"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
+        "margin": {"l": 0, "r": 0, "t": 0, "b": 60},
+        "legend": {
+            "orientation": "h",
+            "yref": "container",
+            "y": 0.01,
+            "yanchor": "bottom",
+            "itemsizing": "constant",
+        },
         "hoverlabel": {"align": "left"},
         "uirevision": "keep",
     }
@@ -96,27 +120,25 @@ def _point_traces(
 ) -> list[dict[str, Any]]:
     finite = np.isfinite(points).all(axis=1)
     traces = []
-    for state, (name, own_colour, opacity) in STATES.items():
+    for state, style in STATES.items():
         rows = np.flatnonzero(finite & (change.point_states == state))
         if not len(rows):
             continue
-        shown = _thin(rows)
-        label = f"{name or kind} ({len(rows):,} points)".replace(",", " ")
-        marker: dict[str, Any] = {"size": 1.6, "opacity": opacity, "color": own_colour or colour}
+        shown = points[_thin(rows, style.most)]
+        label = f"{style.name or kind} ({len(rows):,} points)".replace(",", " ")
+        marker = {"size": style.size, "opacity": style.opacity, "color": style.colour or colour}
         if state is PointState.UNCHANGED:
-            marker |= _shaded_by_height(frame.heights(points[shown]))
-        if state in (PointState.NOVEL, PointState.MOVED):
-            marker["size"] = 2.4
-        traces.append(_scatter(points[shown], label, "points", marker, name or "novel"))
+            marker |= _shaded_by_height(frame.heights(shown))
+        traces.append(_scatter(shown, label, marker, style.name or "novel"))
     return traces
 
 
-def _thin(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def _thin(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     """Evenly, with a jitter: a plain stride would show stripes on scans that are images."""
-    if len(rows) <= MAX_POINTS:
+    if len(rows) <= most:
         return rows
-    edges = np.linspace(0, len(rows), MAX_POINTS + 1)
-    jitter = np.random.default_rng(0).random(MAX_POINTS)
+    edges = np.linspace(0, len(rows), most + 1)
+    jitter = np.random.default_rng(0).random(most)
     return rows[(edges[:-1] + jitter * np.diff(edges)).astype(np.int64)]
 
 
@@ -128,9 +150,7 @@ def _shaded_by_height(heights: NDArray[np.float64]) -> dict[str, Any]:
     }
 
 
-def _scatter(
-    points: NDArray[np.float64], name: str, layer: str, marker: dict[str, Any], group: str
-) -> dict[str, Any]:
+def _scatter(points: NDArray[np.float64], name: str, marker: dict[str, Any], group: str) -> dict[str, Any]:
     return {
         "type": "scatter3d",
         "mode": "markers",
@@ -139,7 +159,7 @@ def _scatter(
         "marker": {**marker, "line": {"width": 0}},
         "hoverinfo": "skip",
         "legendgroup": group,
-        "meta": {"layer": layer},
+        "meta": {"layer": "points"},
     }
 
 

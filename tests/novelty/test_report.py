@@ -9,8 +9,8 @@ from novelty.evaluation import evaluate_labels
 from novelty.report import Run, headline, write_outputs, write_report
 from novelty.report.frame import Frame
 from novelty.report.tables import number, object_table
-from novelty.report.views import MAX_POINTS, SIGMAS, mdl_figure, scan_figure
-from novelty.result import ResultStatus
+from novelty.report.views import SIGMAS, STATES, mdl_figure, scan_figure
+from novelty.result import PointState, ResultStatus
 from tests.novelty.report_case import SETTINGS, make_pair, make_result, unpack
 
 RUN = Run(SETTINGS, "novelty detect before.ply after.ply --out out")
@@ -116,7 +116,7 @@ class TestScanFigure:
         frame = Frame.around([pair.current.points])
         data = scan_figure(pair.current, result.added, "added", frame, "m")["data"]
         (unchanged,) = [trace for trace in data if trace["name"].startswith("unchanged")]
-        assert len(unpack(unchanged["x"])) == MAX_POINTS
+        assert len(unpack(unchanged["x"])) == STATES[PointState.UNCHANGED].most
         rows = pair.current.points[result.added.point_states == 0]
         shares = [(unpack(unchanged["z"]) > 2.4).mean(), (rows[:, 2] > 2.4).mean()]
         assert shares[0] == pytest.approx(shares[1], abs=0.01)
