@@ -1,0 +1,15 @@
+"""Detectors: what of one scan has no counterpart in the other."""
+
+from novelty.detectors.base import Comparison, ComponentNovelty, Detector
+from novelty.detectors.greedy_emd import GreedyEmd
+from novelty.detectors.likelihood import Likelihood
+from novelty.detectors.structural_matching import StructuralMatching
+
+__all__ = [
+    "Comparison",
+    "ComponentNovelty",
+    "Detector",
+    "GreedyEmd",
+    "Likelihood",
+    "StructuralMatching",
+]

@@ -1,0 +1,73 @@
+"""What a detector is: it fits the two scans of every pair and says which components have no counterpart."""
+
+from __future__ import annotations
+
+import abc
+from dataclasses import dataclass
+
+import torch
+
+from novelty.fitting import FitPlan, Models, fit_independently
+from novelty.preprocess.prepared import PreparedPairs
+
+
+@dataclass(frozen=True, eq=False)
+class ComponentNovelty:
+    """One direction of a comparison: what the components of one mixture are to the other mixture.
+
+    For `Comparison.added` the components are those of the current mixtures, for `Comparison.removed` those of
+    the reference mixtures.
+
+    Attributes:
+        novel: bool (P, K), True for a component without counterpart; False for padding.
+        scores: float64 (P, K), higher = more novel, comparable within a detector; NaN for padding.
+        matches: int64 (P, K), the component of the other mixture that explains it, -1 none.
+        distances: float64 (P, K), ground distance to that match; NaN without one.
+        reasons: For each pair, one sentence per component: what it was matched to, or why nothing matches.
+        point_scores: float64 (N,) over the packed examined points of that scan, for a detector that judges
+            points; None where points follow their components.
+        p_values: float64 (P, K), probability of a score at least this high without any change; None where the
+            detector has no null distribution.
+    """
+
+    novel: torch.Tensor
+    scores: torch.Tensor
+    matches: torch.Tensor
+    distances: torch.Tensor
+    reasons: tuple[tuple[str, ...], ...]
+    point_scores: torch.Tensor | None = None
+    p_values: torch.Tensor | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Both directions of a comparison of P pairs.
+
+    Attributes:
+        added: The current mixtures' components judged against the reference.
+        removed: The reference mixtures' components judged against the current scan.
+        distance: float64 (P,), distance between the two mixtures (eq. 8); NaN where the detector has none.
+        p_value: float64 (P,), probability of the evidence if nothing changed; NaN where the detector has none.
+        notes: For each pair, what a reader of the result must know (a search not proven maximal, say).
+    """
+
+    added: ComponentNovelty
+    removed: ComponentNovelty
+    distance: torch.Tensor
+    p_value: torch.Tensor
+    notes: tuple[tuple[str, ...], ...]
+
+
+class Detector(abc.ABC):
+    """A detector is a frozen dataclass of its parameters; it keeps no state between calls."""
+
+    def fit(self, batch: PreparedPairs, plan: FitPlan) -> Models:
+        """Fit the mixtures this detector compares; by default every scan on its own."""
+        return fit_independently(batch, plan)
+
+    @abc.abstractmethod
+    def compare(self, batch: PreparedPairs, models: Models) -> Comparison:
+        """Compare the mixtures of every pair, both directions in one call.
+
+        A pair with an empty side never raises: without a reference nothing can be called novel; its note says so.
+        """

@@ -1,0 +1,73 @@
+"""Coupled fits: both scans of a pair are cut into the same components wherever both show the same surface.
+
+Two independent fits cut one wall in two different ways, and a comparison of components then finds differences
+where nothing changed. Here one mixture is fitted to both scans together, its order chosen by MDL, and serves
+each scan as the start of a few EM iterations of its own.
+"""
+
+from __future__ import annotations
+
+import torch
+
+import gmmtorch
+from gmmtorch import FitResult, GaussianMixtures, PointClouds
+from novelty.fitting import FitPlan, Models
+from novelty.fitting import _fitted_clouds as fitted_clouds
+from novelty.preprocess.prepared import PreparedPairs
+
+
+def fit_coupled(batch: PreparedPairs, plan: FitPlan, max_iterations: int) -> Models:
+    """Fit one mixture to both scans of every pair, then let each scan refine it.
+
+    Args:
+        batch: P pairs.
+        plan: Settings of the common fit; K_max holds for both scans together.
+        max_iterations: EM iterations that each scan makes from the common mixture.
+    """
+    settings = plan.settings
+    reference, current = (fitted_clouds(scans, settings) for scans in (batch.reference, batch.current))
+    common = gmmtorch.fit_mdl(
+        _united(reference, current),
+        max_components=plan.max_components,
+        initializer=settings.initializer,
+        n_init=settings.n_init,
+        min_std=settings.min_std,
+        seed=plan.seed,
+    ).mixtures
+    return Models(
+        reference=_refined(reference, common, settings.min_std, max_iterations),
+        current=_refined(current, common, settings.min_std, max_iterations),
+    )
+
+
+def _united(reference: PointClouds, current: PointClouds) -> PointClouds:
+    """Both scans of every pair as one cloud, the reference's points first: P clouds."""
+    pairs = range(len(reference))
+    both = PointClouds.concatenate([reference, current])
+    order = [row for pair in pairs for row in (pair, pair + len(reference))]
+    interleaved = both.select(order)
+    return PointClouds(
+        points=interleaved.points,
+        weights=interleaved.weights,
+        spreads=interleaved.spreads,
+        offsets=interleaved.offsets[::2],
+        dtype=interleaved.dtype,
+    )
+
+
+def _refined(
+    clouds: PointClouds, initial: GaussianMixtures, min_std: float | None, max_iterations: int
+) -> FitResult:
+    """EM of each cloud from the mixture of its pair; a component that finds no points is dropped."""
+    fit = gmmtorch.fit_em(clouds, initial=initial, min_std=min_std, max_iterations=max_iterations)
+    orders = torch.arange(1, initial.num_slots + 1, device=fit.mixtures.weights.device)
+    mdl = gmmtorch.description_length(fit.mixtures, clouds)
+    reached = orders == fit.mixtures.num_components[:, None]
+    return FitResult(
+        mixtures=fit.mixtures,
+        mdl=mdl,
+        mdl_path=torch.where(reached, mdl[:, None], torch.nan),
+        log_likelihood=fit.log_likelihood,
+        status=fit.status,
+        num_iterations=fit.num_iterations,
+    )

@@ -1,0 +1,190 @@
+"""Novelty by likelihood: a component is novel when the other scan's mixture does not explain its points.
+
+A cell of points scores s = -log p(cell | other mixture), nats. How large a score may be without any change is
+read off the other scan's own cells: the threshold is a high quantile of their scores, a false-alarm rate and
+not a length. A component is novel when half of its points lie beyond that threshold.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from gmmtorch import GaussianMixtures, PointClouds
+from gmmtorch.distances import mean_distance
+from novelty.detectors.base import Comparison, ComponentNovelty, Detector
+from novelty.detectors.empty import empty_side_notes
+from novelty.detectors.quantiles import weighted_quantiles
+from novelty.detectors.resolution import blurred, cell_resolution
+from novelty.fitting import Models
+from novelty.preprocess.prepared import PreparedPairs
+from novelty.section import section
+
+
+@section
+class Likelihood(Detector):
+    """A component is novel when the other scan's mixture does not explain its points (beyond the paper)."""
+
+    false_alarm_rate: float = Field(
+        1e-3,
+        gt=0,
+        lt=1,
+        description="Share of the reference scan's own points that its mixture may explain worse than the threshold.",
+    )
+    quorum: float = Field(
+        0.5,
+        gt=0,
+        le=1,
+        description="Share of a component's points that must lie beyond the threshold to make it novel.",
+    )
+    resolution_floor: Literal["cell", "none"] = Field(
+        "cell",
+        description="Spread added to every component before points are scored: the size of a cell, since nothing "
+        "finer than the sampling is a change, or none.",
+    )
+
+    def compare(self, batch: PreparedPairs, models: Models) -> Comparison:
+        """Score the cells of each scan under the other scan's mixture."""
+        added = self._judge(batch, models)
+        removed = self._judge(batch.exchanged(), models.exchanged())
+        return Comparison(
+            added=added,
+            removed=removed,
+            distance=torch.full_like(batch.current.cell_size, torch.nan),
+            p_value=_least_p_value(added, removed),
+            notes=empty_side_notes(batch),
+        )
+
+    def _judge(self, batch: PreparedPairs, models: Models) -> ComponentNovelty:
+        """Judge the current mixtures' components against the reference."""
+        reference, current = models.reference.mixtures, models.current.mixtures
+        explaining = reference
+        if self.resolution_floor == "cell":
+            explaining = replace(
+                reference, covariances=blurred(reference.covariances, cell_resolution(batch))
+            )
+        # How well the reference mixture explains its own cells and those of the current scan.
+        own = -explaining.log_prob(batch.reference.cells)  # (N_reference,)
+        seen = -explaining.log_prob(batch.current.cells)  # (N_current,)
+        # What a score may be without any change.
+        null = _Null.of(own, batch.reference.cells)
+        threshold = null.quantiles(1 - self.false_alarm_rate)  # (P,)
+        excess = seen - threshold[batch.current.cells.cloud_index]  # (N_current,)
+        # A component's score: the excess that the quorum of its points reaches.
+        typical = _per_component(excess, batch.current.cells, current, 1 - self.quorum)  # (P, K)
+        novel = typical > 0
+        matches, distances = _best_explanations(batch.current.cells, current, explaining, novel)
+        return ComponentNovelty(
+            novel=novel,
+            scores=typical,
+            matches=matches,
+            distances=distances,
+            reasons=self._reasons(current, typical, matches, distances),
+            point_scores=excess[batch.current.cell_of_point],
+            p_values=null.p_values(typical + threshold[:, None]),
+        )
+
+    def _reasons(
+        self, mixtures: GaussianMixtures, scores: Tensor, matches: Tensor, distances: Tensor
+    ) -> tuple[tuple[str, ...], ...]:
+        rows = zip(
+            mixtures.num_components.tolist(),
+            scores.tolist(),
+            matches.tolist(),
+            distances.tolist(),
+            strict=True,
+        )
+        return tuple(
+            tuple(self._reason(*told) for told in zip(score[:k], match[:k], distance[:k], strict=True))
+            for k, score, match, distance in rows
+        )
+
+    def _reason(self, score: float, match: int, distance: float) -> str:
+        share = f"{1 - self.false_alarm_rate:.6g}"
+        if math.isnan(score):
+            return "Claims no points, or there is nothing to compare it with."
+        if score > 0:
+            return (
+                f"Novel: {self.quorum:.0%} of its points are at least {score:.3g} nats less likely under the other "
+                f"mixture than its own least likely points (quantile {share})."
+            )
+        if match < 0:
+            return "Its points are as likely under the other mixture as that scan's own."
+        return (
+            f"Explained by component {match} of the other mixture, {distance:.3g} m away; {-score:.3g} nats more "
+            f"likely than the threshold (quantile {share} of that scan's own points)."
+        )
+
+
+@dataclass(frozen=True)
+class _Null:
+    """Scores that the reference scans give their own cells, packed: what no change looks like."""
+
+    scores: Tensor  # (N,), ascending inside each cloud
+    weights: Tensor  # (N,)
+    clouds: Tensor  # (N,)
+    pieces: tuple[Tensor, ...]  # P sorted tensors
+
+    @classmethod
+    def of(cls, scores: Tensor, cells: PointClouds) -> _Null:
+        """The null distribution of every pair from its reference's cells."""
+        pieces = tuple(piece.sort().values for piece in cells.split(scores))
+        return cls(scores, cells.weights, cells.cloud_index, pieces)
+
+    def quantiles(self, level: float) -> Tensor:
+        """Score below which `level` of each reference's points lie (P,)."""
+        return weighted_quantiles(self.scores, self.weights, self.clouds, len(self.pieces), level)
+
+    def p_values(self, scores: Tensor) -> Tensor:
+        """(1 + cells that score at least as high) / (1 + cells), the conformal p-value (P, K).
+
+        Counts cells, not points: points of one cell are no independent evidence.
+        """
+        rows = []
+        for piece, asked in zip(self.pieces, scores, strict=True):
+            below = torch.searchsorted(piece, asked.nan_to_num(-torch.inf).contiguous())
+            rows.append((1 + len(piece) - below) / (1 + len(piece)))
+        return torch.where(scores.isnan(), torch.nan, torch.stack(rows))
+
+
+def _per_component(values: Tensor, cells: PointClouds, mixtures: GaussianMixtures, level: float) -> Tensor:
+    """Weighted quantile of the values of every component's cells (P, K); NaN where it claims none."""
+    P, K = mixtures.weights.shape
+    component = mixtures.assign(cells)
+    groups = torch.where(component >= 0, cells.cloud_index * K + component, -1)
+    return weighted_quantiles(values, cells.weights, groups, P * K, level).reshape(P, K)
+
+
+def _best_explanations(
+    cells: PointClouds, mixtures: GaussianMixtures, explaining: GaussianMixtures, novel: Tensor
+) -> tuple[Tensor, Tensor]:
+    """For components (P, K) that are not novel: the other component that claims most of their points."""
+    claims = torch.stack(
+        [
+            (own * weight[:, None]).T @ other  # (K, K')
+            for own, other, weight in zip(
+                cells.split(mixtures.responsibilities(cells)),
+                cells.split(explaining.responsibilities(cells)),
+                cells.split(cells.weights),
+                strict=True,
+            )
+        ]
+    )
+    most, matches = claims.max(dim=2)
+    matched = (most > 0) & ~novel & mixtures.mask
+    table = mean_distance(mixtures.means, explaining.means)  # (P, K, K')
+    distances = table.gather(2, matches[..., None]).squeeze(2)
+    return torch.where(matched, matches, -1), torch.where(matched, distances, torch.nan)
+
+
+def _least_p_value(*directions: ComponentNovelty) -> Tensor:
+    """Bonferroni's p-value over all components of both scans (P,); NaN where there is none."""
+    p_values = torch.cat([d.p_values for d in directions if d.p_values is not None], dim=1)  # (P, K + K')
+    tests = (~p_values.isnan()).sum(dim=1)
+    least = p_values.nan_to_num(torch.inf).amin(dim=1)
+    return torch.where(tests > 0, (least * tests).clamp_max(1.0), torch.nan)

@@ -1,0 +1,36 @@
+"""Quantiles of weighted values, group by group, for packed batches."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def weighted_quantiles(
+    values: Tensor, weights: Tensor, groups: Tensor, num_groups: int, level: float
+) -> Tensor:
+    """Lower weighted quantile of every group: its least value at which `level` of the weight is reached.
+
+    Equals `numpy.quantile(values, level, method="inverted_cdf")` for equal weights and one group.
+
+    Args:
+        values: (N,).
+        weights: >= 0 (N,); a value without weight is never a quantile.
+        groups: group of every value, int64 (N,); -1 takes no part.
+        num_groups: G.
+        level: Share of a group's weight, in (0, 1].
+
+    Returns:
+        Quantiles (G,), NaN for a group without weight.
+    """
+    chosen = (groups >= 0) & (weights > 0)
+    values, weights, groups = values[chosen], weights[chosen], groups[chosen]
+    if not len(values):
+        return values.new_full((num_groups,), torch.nan)
+    order = values.argsort(stable=True)
+    order = order[groups[order].argsort(stable=True)]  # by group, and by value inside a group
+    totals = values.new_zeros(num_groups).index_add_(0, groups, weights)
+    ends = totals.cumsum(0)
+    wanted = ends - totals + level * totals * (1 - 1e-12)  # rounding must not push it past the last value
+    place = torch.searchsorted(weights[order].cumsum(0), wanted).clamp_max(len(values) - 1)
+    return torch.where(totals > 0, values[order[place]], torch.nan)
