@@ -22,6 +22,9 @@ from types import MappingProxyType
 import torch
 from torch import Tensor
 
+from gmmtorch import linalg
+from gmmtorch.errors import ArgumentError
+
 GroundDistance = Callable[[Tensor, Tensor, Tensor, Tensor, float], Tensor]
 """(means_a, covariances_a, means_b, covariances_b, length_scale) -> (B, K_a, K_b)."""
 
@@ -87,10 +90,10 @@ def combined_distance(
         Distances (B, K_a, K_b), a pure number.
 
     Raises:
-        ValueError: `length_scale` is not positive.
+        ArgumentError: `length_scale` is not positive.
     """
     if not length_scale > 0:
-        raise ValueError(f"length_scale must be a positive length in metres, but it is {length_scale}")
+        raise ArgumentError(f"length_scale must be a positive length in metres, but it is {length_scale}")
     scaled = mean_distance(means_a, means_b) / length_scale
     return torch.maximum(scaled, covariance_distance(covariances_a, covariances_b))
 
@@ -112,12 +115,9 @@ def bures_distance(means_a: Tensor, covariances_a: Tensor, means_b: Tensor, cova
     """
     factors_a, factors_b = _cholesky(covariances_a), _cholesky(covariances_b)
     product = factors_a.mT[:, :, None] @ factors_b[:, None, :]  # (B, K_a, K_b, D, D)
-    if covariances_a.shape[-1] == 3:
-        fidelity = _nuclear_norm_3(product)
-    else:
-        fidelity = torch.linalg.svdvals(product).sum(dim=-1)
+    traces_of_roots = _nuclear_norm_3(product) if product.shape[-1] == 3 else _nuclear_norm(product)
     traces = _trace(covariances_a.double())[:, :, None] + _trace(covariances_b.double())[:, None, :]
-    squared = mean_distance(means_a, means_b).square() + (traces - 2 * fidelity).clamp_min(0)
+    squared = mean_distance(means_a, means_b).square() + (traces - 2 * traces_of_roots).clamp_min(0)
     return squared.sqrt()
 
 
@@ -168,10 +168,12 @@ def ground_distance(
         Distances (B, K_a, K_b).
 
     Raises:
-        ValueError: `name` is not registered.
+        ArgumentError: `name` is not registered.
     """
     if name not in GROUND_DISTANCES:
-        raise ValueError(f"expected a ground distance out of {', '.join(GROUND_DISTANCES)}, but got {name!r}")
+        raise ArgumentError(
+            f"expected a ground distance out of {', '.join(GROUND_DISTANCES)}, but got {name!r}"
+        )
     return GROUND_DISTANCES[name](means_a, covariances_a, means_b, covariances_b, length_scale)
 
 
@@ -187,8 +189,8 @@ GROUND_DISTANCES: Mapping[str, GroundDistance] = MappingProxyType(
 
 def _cholesky(covariances: Tensor) -> Tensor:
     """Lower factors (B, K, D, D) in float64, NaN where a covariance is not positive definite."""
-    factors, info = torch.linalg.cholesky_ex(covariances.double())
-    return torch.where((info == 0)[..., None, None], factors, math.nan)
+    factors, positive = linalg.safe_cholesky(covariances.double())
+    return torch.where(positive[..., None, None], factors, math.nan)
 
 
 def _inverse_lower(factors: Tensor) -> Tensor:
@@ -271,6 +273,11 @@ def _largest_root(h: _Lower3) -> Tensor:
     )
     angle = (determinant / 2).clamp(-1, 1).acos() / 3
     return centre + 2 * radius * angle.cos()
+
+
+def _nuclear_norm(matrices: Tensor) -> Tensor:
+    """Sum of the singular values (...) of matrices (..., D, D)."""
+    return torch.linalg.svdvals(matrices).sum(dim=-1)
 
 
 def _nuclear_norm_3(matrices: Tensor) -> Tensor:

@@ -75,7 +75,7 @@ def greedy_removals(
         The removals and their course.
 
     Raises:
-        ValueError: the shapes do not fit together.
+        ShapeError: the shapes do not fit together.
     """
     check_shapes(weights_a, weights_b, cost)
     a, b, costs = to_array(weights_a), to_array(weights_b), to_array(cost)

@@ -18,6 +18,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from gmmtorch.errors import ArgumentError, ShapeError
+
 Array = NDArray[np.float64]
 
 _POT_OPTIMAL = 1
@@ -27,25 +29,23 @@ _POT_ITERATIONS = 1_000_000  # pivots; K = 30 needs a few hundred
 class TransportStatus(enum.IntEnum):
     """What became of one pair of mixtures; `advice` says what to do about it."""
 
-    OPTIMAL = 0
-    NO_MASS = 1
-    INVALID = 2
-    NOT_CONVERGED = 3
+    advice: str
 
-    @property
-    def advice(self) -> str:
-        """What the status means and what to do."""
-        return _ADVICE[self]
+    def __new__(cls, value: int, advice: str) -> "TransportStatus":
+        """Attach the advice to the integer member."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.advice = advice
+        return member
 
-
-_ADVICE = {
-    TransportStatus.OPTIMAL: "The plan is optimal; `gap` certifies it.",
-    TransportStatus.NO_MASS: "A mixture has no weight at all: fit it again, or leave the pair out.",
-    TransportStatus.INVALID: "A weight is negative or not finite, or a cost between components with weight is"
-    " not finite: look for covariances that are not positive definite.",
-    TransportStatus.NOT_CONVERGED: "The network simplex stopped at its limit of pivots: costs are"
-    " probably degenerate beyond float64; check their range.",
-}
+    OPTIMAL = 0, "the plan is optimal; `gap` certifies it"
+    NO_MASS = 1, "a mixture has no weight at all; fit it again, or leave the pair out"
+    INVALID = (
+        2,
+        "a weight is negative or not finite, or a cost between components with weight is not finite; "
+        "look for covariances that are not positive definite",
+    )
+    NOT_CONVERGED = 3, "the network simplex stopped at its limit of pivots; check the range of the costs"
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def emd(weights_a: Tensor, weights_b: Tensor, cost: Tensor) -> Transport:
         The distances with their plans and certificates.
 
     Raises:
-        ValueError: the shapes do not fit together.
+        ShapeError: the shapes do not fit together.
     """
     check_shapes(weights_a, weights_b, cost)
     masses_a, masses_b = to_array(weights_a), to_array(weights_b)
@@ -142,13 +142,14 @@ def unbalanced_emd(
         Plans, unmatched masses of both sides and certificates.
 
     Raises:
-        ValueError: the shapes do not fit together, or tau is not positive.
+        ShapeError: the shapes do not fit together.
+        ArgumentError: tau is not positive.
     """
     check_shapes(masses_a, masses_b, cost)
     a, b = to_array(masses_a), to_array(masses_b)
     taus = np.broadcast_to(to_array(torch.as_tensor(tau, dtype=torch.float64)), a.shape[:1])
     if not (taus > 0).all():
-        raise ValueError(
+        raise ArgumentError(
             f"tau must be positive, in the unit of the cost, but its least value is {taus.min()}"
         )
     with_dummies = _add_dummies(to_array(cost), taus)
@@ -185,10 +186,10 @@ def solve_pair(masses_a: Array, masses_b: Array, cost: Array) -> PairSolution:
 
 
 def check_shapes(masses_a: Tensor, masses_b: Tensor, cost: Tensor) -> None:
-    """Raise ValueError unless the shapes are (B, K_a), (B, K_b) and (B, K_a, K_b)."""
+    """Raise ShapeError unless the shapes are (B, K_a), (B, K_b) and (B, K_a, K_b)."""
     expected = (*masses_a.shape, *masses_b.shape[1:])
     if masses_a.ndim != 2 or masses_b.ndim != 2 or tuple(cost.shape) != expected:
-        raise ValueError(
+        raise ShapeError(
             "expected weights (B, K_a) and (B, K_b) with a cost (B, K_a, K_b), but got"
             f" {tuple(masses_a.shape)}, {tuple(masses_b.shape)} and {tuple(cost.shape)}"
         )

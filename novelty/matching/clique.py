@@ -17,17 +17,22 @@ _FRACTION_BITS = 40  # weights become integers, so that sums are exact and ties 
 
 
 class CliqueStatus(enum.IntEnum):
-    """Whether the search came to its end."""
+    """Whether the search came to its end; `advice` says what to do about it."""
 
-    MAXIMUM = 0
-    NOT_PROVEN_MAXIMAL = 1
+    advice: str
 
-    @property
-    def advice(self) -> str:
-        """What the status means and what to do."""
-        if self is CliqueStatus.MAXIMUM:
-            return "No clique has more weight."
-        return "The node budget ran out: raise it, or tighten the thresholds to make the graph sparser."
+    def __new__(cls, value: int, advice: str) -> "CliqueStatus":
+        """Attach the advice to the integer member."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.advice = advice
+        return member
+
+    MAXIMUM = 0, "no clique has more weight"
+    NOT_PROVEN_MAXIMAL = (
+        1,
+        "the node budget ran out; raise it, or tighten the thresholds to thin out the graph",
+    )
 
 
 @dataclass(frozen=True)

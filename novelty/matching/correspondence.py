@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from gmmtorch.distances import combined_distance, covariance_distance, mean_distance
+from novelty.errors import ConfigError
 
 _CHUNK_ARCS = 200_000  # arcs formed at once: intermediates of 1.6 MB stay in the cache
 
@@ -78,11 +79,11 @@ def build_correspondence_graphs(
         The graphs.
 
     Raises:
-        ValueError: a threshold is not a positive number.
+        ConfigError: a threshold is not a positive number.
     """
     for name, value in (("node_threshold", node_threshold), ("arc_threshold", arc_threshold)):
         if not 0 < value < math.inf:
-            raise ValueError(f"{name} must be a positive number, but it is {value}")
+            raise ConfigError(f"{name} must be a positive number, but it is {value}")
     table = combined_distance(a.means, a.covariances, b.means, b.covariances, length_scale)  # T_t
     alive = (a.weights > 0)[:, :, None] & (b.weights > 0)[:, None, :]
     nodes_a, nodes_b, distances, num_nodes = _list_nodes(table, alive & (table < node_threshold))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.spatial.distance import cdist
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from gmmtorch import distances
 from tests.reference import distances as reference
@@ -214,6 +215,27 @@ def test_an_unknown_ground_distance_names_the_known_ones():
         distances.ground_distance("euclid", *empty, *empty)
 
 
-def test_covariance_distance_runs_on_the_meta_device():
-    a = torch.empty(2, 4, 3, 3, device="meta")
-    assert distances.covariance_distance(a, a[:, :3]).shape == (2, 4, 3)
+class ForbidSynchronisation(TorchDispatchMode):
+    """Fails on operations whose result or shape the host must wait for."""
+
+    forbidden = ("_local_scalar_dense", "nonzero", "masked_select", "unique", "eigh", "svd")
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        assert not any(name in str(func) for name in self.forbidden), f"{func} synchronises"
+        return func(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize("device", ["cpu", "meta"])
+def test_distances_in_three_dimensions_never_wait_for_the_device(device: str):
+    means = torch.zeros(2, 4, 3, device=device)
+    covariances = torch.eye(3, device=device).repeat(2, 4, 1, 1)
+    problem = means, covariances, means[:, :3], covariances[:, :3]
+    with ForbidSynchronisation():
+        for name in distances.GROUND_DISTANCES:
+            assert distances.ground_distance(name, *problem).shape == (2, 4, 3)
+        assert distances.symmetric_kl(*problem).shape == (2, 4, 3)
+
+
+def test_the_guard_against_synchronisation_notices_it():
+    with pytest.raises(AssertionError, match="synchronises"), ForbidSynchronisation():
+        torch.ones(1).item()

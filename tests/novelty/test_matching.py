@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from novelty.errors import ConfigError
 from novelty.matching import CliqueStatus, Components, build_correspondence_graphs, match_structure
 from tests.reference import clique as reference
 
@@ -117,5 +118,5 @@ def test_thresholds_must_be_positive_numbers():
     side = components([random_scene(31, 2, 0)[0]], 2)
     for name in ("node_threshold", "arc_threshold"):
         for value in (0.0, -1.0, float("inf"), float("nan")):
-            with pytest.raises(ValueError, match=name):
+            with pytest.raises(ConfigError, match=name):
                 build_correspondence_graphs(side, side, **{name: value})
