@@ -1,0 +1,155 @@
+r"""Distribution-to-distribution alignment of two clouds of Gaussians, robust to what has changed.
+
+Every cell is a Gaussian of surface (`surfels`). With r_i = R x_i + t - y_j the difference to the nearest Gaussian of
+the reference, minimised is
+
+    sum_i n_i rho_c(d_i),   d_i^2 = r_i^T (R A_i R^T + B_j)^-1 r_i,   rho_c(d) = c^2 d^2 / (c^2 + d^2)
+
+by Gauss-Newton on SE(3) with iterative reweighting (the Mahalanobis distance is that of D2D-NDT, Stoyanov et al.
+2012; rho is Geman & McClure's). c starts wide and shrinks to three robust standard deviations of what is matched:
+graduated non-convexity, so an object that moved is heard at first and has no say at the end. Directions that the
+scans do not fix are left alone (Zhang, Kaess & Singh 2016).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from novelty.registration.matching import Matcher, Matches
+from novelty.registration.motion import Motions, cross_matrices
+from novelty.registration.robust import group_quantile, group_sum, narrow, trust
+
+OBSERVABLE = 0.01
+"""Share of the matched surface that must face a direction for the pose to be fixed in it."""
+
+SAMPLE = 1500
+"""Surfels of the current scan that find the pose before all of them polish it."""
+
+TOLERANCE = 2e-3
+"""A step below this share of a typical cell's extent is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Motions (P) of the current surfels onto the reference's, how many steps they took, and whether these died out."""
+
+    motions: Motions
+    num_iterations: torch.Tensor
+    converged: torch.Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Gauss-Newton system of P pairs in steps (rotation * radius, translation): H s = -g.
+
+    Attributes:
+        hessian: (P, 6, 6).
+        gradient: (P, 6).
+        facing: (P, 6, 6), the same as `hessian` with every match counted alike: eigenvalues are shares of surface.
+    """
+
+    hessian: torch.Tensor
+    gradient: torch.Tensor
+    facing: torch.Tensor
+
+    def num_observable(self) -> torch.Tensor:
+        """How many directions the scans fix, int64 (P,)."""
+        return (torch.linalg.eigvalsh(self.facing) > OBSERVABLE).sum(-1)
+
+    def observable(self) -> torch.Tensor:
+        """Projections onto the directions that the scans fix, (P, 6, 6)."""
+        values, vectors = torch.linalg.eigh(self.facing)
+        kept = vectors * (values > OBSERVABLE)[:, None, :]
+        return kept @ vectors.transpose(1, 2)
+
+    def step(self) -> torch.Tensor:
+        """Gauss-Newton step inside the observable directions, (P, 6)."""
+        inside = self.observable()
+        scale = self.hessian.diagonal(dim1=1, dim2=2).sum(-1).clamp_min(torch.finfo(inside.dtype).tiny)
+        outside = torch.eye(6, dtype=inside.dtype) - inside
+        system = inside @ self.hessian @ inside + scale[:, None, None] * outside
+        return -torch.linalg.solve_ex(system, inside @ self.gradient[:, :, None])[0][:, :, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Where the descent of P pairs stands: motions, c (P,), steps taken (P,), whether they died out (P,)."""
+
+    motions: Motions
+    width: torch.Tensor
+    num_iterations: torch.Tensor
+    converged: torch.Tensor
+
+
+def align(matcher: Matcher, max_iterations: int) -> Alignment:
+    """Align the current surfels of P pairs with the reference's, starting from the given poses."""
+    pairs = len(matcher.current.sizes)
+    start = _State(
+        Motions.identity(pairs),
+        torch.full((pairs,), torch.inf, dtype=torch.float64),
+        torch.zeros(pairs, dtype=torch.long),
+        torch.zeros(pairs, dtype=torch.bool),
+    )
+    # A sample of the surfels finds the pose to a fraction of a millimetre; all of them polish it.
+    near = _descend(matcher.thinned(SAMPLE), start, max_iterations)
+    polished = _descend(matcher, near, max_iterations)
+    return Alignment(polished.motions, polished.num_iterations, near.converged & polished.converged)
+
+
+def _descend(matcher: Matcher, state: _State, max_iterations: int) -> _State:
+    """Gauss-Newton steps until they die out for every pair; a pair that has arrived stays where it is."""
+    pairs = len(state.width)
+    radius = radius_of(matcher)
+    extent = group_quantile(matcher.reference.extents, matcher.reference.owner, pairs, 0.5).nan_to_num(0)
+    motions, width, iterations = state.motions, state.width, state.num_iterations.clone()
+    active = torch.ones(pairs, dtype=torch.bool)
+    for _ in range(max_iterations):
+        matches = matcher.match(motions)
+        width, settled = narrow(matcher, matches, width)
+        steps = normal_equations(matcher, matches, width, radius).step()
+        motions = motions.then(steps / _scaling(radius)).where(active, motions)
+        iterations += active
+        active &= ~(settled & (steps.norm(dim=-1) <= TOLERANCE * extent))
+        if not active.any():
+            break
+    return _State(motions, width, iterations, ~active)
+
+
+def radius_of(matcher: Matcher) -> torch.Tensor:
+    """Root-mean-square distance of the current surfels from the centre, (P,), m: turns rotations into lengths."""
+    current, pairs = matcher.current, len(matcher.current.sizes)
+    counts = torch.tensor(current.sizes).clamp_min(1)
+    return (group_sum(current.means.square().sum(-1), current.owner, pairs) / counts).sqrt().clamp_min(1e-12)
+
+
+def normal_equations(
+    matcher: Matcher, matches: Matches, width: torch.Tensor, radius: torch.Tensor
+) -> NormalEquations:
+    """The Gauss-Newton system at these matches for c = `width` (P,), dimensionless, and lengths `radius` (P,), m."""
+    pairs, owner = len(width), matches.owner
+    typical = width[owner] * matches.trace.rsqrt()
+    near = matcher.within_reach(matches, group_quantile(typical, owner, pairs, 0.5).nan_to_num(0))
+    weight = near * matcher.support(matches) * trust(matches.squared, width[owner])  # (M,)
+    jacobian = torch.cat(
+        [
+            -cross_matrices(matches.positions) / radius[owner, None, None],
+            torch.eye(3, dtype=radius.dtype).expand(len(owner), 3, 3),
+        ],
+        dim=-1,
+    )  # (M, 3, 6)
+    weighted = matches.information @ jacobian * weight[:, None, None]
+    curvature = jacobian.transpose(1, 2) @ weighted  # (M, 6, 6)
+    gradient = (weighted.transpose(1, 2) @ matches.differences[:, :, None])[:, :, 0]
+    counted = group_sum(weight, owner, pairs).clamp_min(torch.finfo(radius.dtype).tiny)
+    return NormalEquations(
+        hessian=group_sum(curvature, owner, pairs),
+        gradient=group_sum(gradient, owner, pairs),
+        facing=group_sum(curvature / matches.trace[:, None, None], owner, pairs) / counted[:, None, None],
+    )
+
+
+def _scaling(radius: torch.Tensor) -> torch.Tensor:
+    """What a step is divided by to become a rotation vector and a translation, (P, 6)."""
+    return torch.cat([radius[:, None].expand(-1, 3), torch.ones(len(radius), 3, dtype=radius.dtype)], dim=-1)
