@@ -4,5 +4,6 @@ from novelty.preprocess.missing import check_scan
 from novelty.preprocess.prepare import prepare
 from novelty.preprocess.prepared import PreparedPairs, PreparedScans
 from novelty.preprocess.settings import Preprocess
+from novelty.preprocess.units import metres_per
 
-__all__ = ["PreparedPairs", "PreparedScans", "Preprocess", "check_scan", "prepare"]
+__all__ = ["PreparedPairs", "PreparedScans", "Preprocess", "check_scan", "metres_per", "prepare"]

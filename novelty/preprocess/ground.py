@@ -32,6 +32,8 @@ MAX_BELOW = 0.03
 """Share of the points that may lie below it: reflections, a stair going down."""
 MIN_CONTRAST = 3.0
 """A ground holds this many times the points of the equally thick layer above it; walls alone give 1."""
+MIN_EXTENT = 0.25
+"""Its root-mean-square extent as a share of the scan's, seen from above: an object's side facing a camera has less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +170,17 @@ def _objection(
     above = np.count_nonzero((heights > plane.tolerance) & (heights <= 3 * plane.tolerance))
     if np.count_nonzero(holds) < MIN_CONTRAST * above:
         return "no level plane stands out at its low end"
+    extent = _extent(points[holds], up) / _extent(points, up)
+    if extent < MIN_EXTENT:
+        return f"its lowest level plane has only {extent:.0%} of the scan's extent seen from above"
     return None
+
+
+def _extent(points: NDArray[np.float64], up: NDArray[np.float64]) -> float:
+    """Root-mean-square distance of points from the vertical line through their mean, m."""
+    offsets = points - points.mean(axis=0)
+    along = offsets @ up
+    return float(np.sqrt(max(np.mean(np.einsum("nd,nd->n", offsets, offsets) - along * along), 0)))
 
 
 def _above_sensor(plane: Plane, scan: Survivors, centre: NDArray[np.float64]) -> str | None:

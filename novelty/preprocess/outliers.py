@@ -31,4 +31,16 @@ def _usual(points: NDArray[np.float64], neighbors: int, std_ratio: float) -> NDA
     _, rows = centred.remove_statistical_outlier(neighbors, std_ratio)
     stays = np.zeros(len(points), dtype=bool)
     stays[np.asarray(rows, dtype=np.int64)] = True
-    return stays
+    if not stays.any():  # all mean distances are equal, and Open3D asks for less than their mean
+        return ~stays
+    return stays | _clumped(points, ~stays, neighbors)
+
+
+def _clumped(
+    points: NDArray[np.float64], removed: NDArray[np.bool_], neighbors: int
+) -> NDArray[np.bool_]:
+    """Removed points that coincide with their neighbours: Open3D takes a mean distance of 0 for an outlier."""
+    _, group, sizes = np.unique(points[removed], axis=0, return_inverse=True, return_counts=True)
+    clumped = np.zeros(len(points), dtype=bool)
+    clumped[removed] = (sizes >= neighbors)[group.reshape(-1)]
+    return clumped

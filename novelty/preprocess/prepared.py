@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -66,6 +66,22 @@ class PreparedScans:
             notes=tuple(self.notes[index] for index in indices),
         )
 
+    def moved(self, transforms: torch.Tensor) -> PreparedScans:
+        """The scans in other frames: row b by the rigid motion `transforms[b]`, float64 (B, 4, 4), m."""
+        rotations = transforms[:, :3, :3]
+        origins = [
+            None if origin is None else origin @ motion[:3, :3].T + motion[:3, 3]
+            for origin, motion in zip(self.origins, transforms.numpy(), strict=True)
+        ]
+        turn = rotations[self.cells.cloud_index]
+        spreads = None if self.cells.spreads is None else turn @ self.cells.spreads @ turn.mT
+        return replace(
+            self,
+            cells=replace(self.cells, points=_moved(self.cells, transforms), spreads=spreads),
+            points=replace(self.points, points=_moved(self.points, transforms)),
+            origins=tuple(origins),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class PreparedPairs:
@@ -82,6 +98,24 @@ class PreparedPairs:
         """The same pairs with the roles exchanged: what is new there is gone here."""
         return PreparedPairs(reference=self.current, current=self.reference)
 
+    def aligned(self, transforms: torch.Tensor) -> PreparedPairs:
+        """The same pairs with the current scans moved into the frames of the references, float64 (P, 4, 4)."""
+        return PreparedPairs(reference=self.reference, current=self.current.moved(transforms))
+
+    def resolution(self, misalignment: torch.Tensor) -> torch.Tensor:
+        """Length below which the two scans of a pair cannot be told apart, m (P,): sampling and pose error together.
+
+        Args:
+            misalignment: (P,) m, what registration left; NaN counts as none.
+        """
+        spacing = torch.fmax(self.reference.spacing, self.current.spacing)
+        return torch.hypot(spacing, misalignment.nan_to_num(0.0)).nan_to_num(0.0)
+
 
 def _starts(clouds: PointClouds) -> torch.Tensor:
     return torch.tensor(clouds.offsets[:-1], device=clouds.device)
+
+
+def _moved(clouds: PointClouds, transforms: torch.Tensor) -> torch.Tensor:
+    motion = transforms[clouds.cloud_index]  # (N, 4, 4)
+    return (motion[:, :3, :3] @ clouds.points[:, :, None])[:, :, 0] + motion[:, :3, 3]

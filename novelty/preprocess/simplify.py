@@ -19,6 +19,8 @@ from novelty.preprocess.principal import PrincipalAxes, principal_axes
 
 PLANE_THICKNESS = 1e-9
 """Points this near to the split plane, in standard deviations of the cluster, lie on it (regular grids do)."""
+FLAT = 1e-7
+"""Surface variation of exactly coplanar points may come out as large as this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,8 @@ class Scale:
 
     def splits(self, sizes: torch.Tensor, surface_variation: torch.Tensor) -> torch.Tensor:
         """Whether clusters with these |P| and sigma are split, bool (S,)."""
-        large, curved = sizes > self.max_size, surface_variation > self.max_surface_variation
+        large = sizes > self.max_size
+        curved = surface_variation > max(self.max_surface_variation, FLAT)
         return large | curved if self.rule == "or" else large & curved
 
 
@@ -69,9 +72,10 @@ class _Moments:
 
 @dataclass(frozen=True, eq=False)
 class _Leaves:
-    """Finished clusters of one level."""
+    """Finished clusters of one level: sizes (S,), places of their points (N,), means (3, S), covariances (6, S)."""
 
-    clusters: _Clusters
+    sizes: torch.Tensor
+    places: torch.Tensor
     means: torch.Tensor
     covariances: torch.Tensor
 
@@ -107,27 +111,32 @@ def _grow(level: _Clusters, scale: Scale) -> tuple[_Leaves, _Clusters]:
     num_beyond = _segment_sums(beyond.to(level.points.dtype)[None], level.sizes)[0].long()
     divides = (num_beyond > 0) & (num_beyond < level.sizes)
     split = scale.splits(level.sizes, axes.surface_variation) & divides  # (S,)
-    point_split = split[moments.owners]  # (N,)
-    stay = torch.nonzero(~point_split)[:, 0]
-    finished = _Clusters(level.points[:, stay], level.places[stay], level.sizes[~split])
-    halves = _halves(level, point_split, beyond, split, num_beyond)
-    return _Leaves(finished, moments.means[:, ~split], moments.covariances[:, ~split]), halves
+    point_split = split.index_select(0, moments.owners)  # (N,)
+    finished = _Leaves(
+        sizes=level.sizes[~split],
+        places=level.places[~point_split],
+        means=moments.means[:, ~split],
+        covariances=moments.covariances[:, ~split],
+    )
+    return finished, _halves(level, point_split, beyond, split, num_beyond)
 
 
 def _moments(level: _Clusters) -> _Moments:
     sizes = level.sizes
     owners = torch.repeat_interleave(sizes, output_size=level.points.shape[1])
     means = _segment_means(level.points, sizes)
-    offsets = level.points - means[:, owners]
-    x, y, z = offsets
-    products = torch.stack([x * x, x * y, x * z, y * y, y * z, z * z])  # (6, N)
+    offsets = level.points - means.index_select(1, owners)
+    products = offsets.new_empty(6, offsets.shape[1])
+    for row, (first, second) in zip(products, ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), strict=True):
+        torch.mul(offsets[first], offsets[second], out=row)
     return _Moments(owners, offsets, means, _segment_means(products, sizes))
 
 
 def _beyond_plane(moments: _Moments, axes: PrincipalAxes) -> torch.Tensor:
     """Whether each point lies on the positive side of its cluster's split plane, bool (N,)."""
-    heights = (moments.offsets * axes.direction[:, moments.owners]).sum(0)
-    return heights > (PLANE_THICKNESS * axes.variance.clamp_min(0).sqrt())[moments.owners]
+    margins = PLANE_THICKNESS * axes.variance.clamp_min(0).sqrt()  # (S,)
+    heights = axes.direction.index_select(1, moments.owners).mul_(moments.offsets).sum(0)  # (N,)
+    return heights > margins.index_select(0, moments.owners)
 
 
 def _halves(
@@ -148,7 +157,7 @@ def _halves(
     source[_ranks(lower, upper_sizes.cumsum(0) - upper_sizes, lower_sizes)] = lower
     source[_ranks(upper, lower_sizes.cumsum(0), upper_sizes)] = upper
     sizes = torch.stack([lower_sizes, upper_sizes], dim=1).reshape(-1)
-    return _Clusters(level.points[:, source], level.places[source], sizes)
+    return _Clusters(level.points.index_select(1, source), level.places.index_select(0, source), sizes)
 
 
 def _ranks(members: torch.Tensor, before: torch.Tensor, sizes: torch.Tensor) -> torch.Tensor:
@@ -171,8 +180,8 @@ def _segment_means(values: torch.Tensor, sizes: torch.Tensor) -> torch.Tensor:
 
 def _packed(leaves: list[_Leaves], clouds: PointClouds, centres: torch.Tensor) -> Simplified:
     """Collect the leaves of all levels and order them by the smallest index of their points."""
-    sizes = torch.cat([leaf.clusters.sizes for leaf in leaves])  # (S,)
-    places = torch.cat([leaf.clusters.places for leaf in leaves])  # (N,)
+    sizes = torch.cat([leaf.sizes for leaf in leaves])  # (S,)
+    places = torch.cat([leaf.places for leaf in leaves])  # (N,)
     means = torch.cat([leaf.means for leaf in leaves], dim=1)  # (3, S)
     covariances = torch.cat([leaf.covariances for leaf in leaves], dim=1)  # (6, S)
     # Points keep their order at every split: the first of a cell has its smallest index.
