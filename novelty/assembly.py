@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import torch
 
 from gmmtorch import FitResult, Status
+from novelty.clusters import novel_clusters
 from novelty.detectors import Comparison, ComponentNovelty
 from novelty.fitting import Models
 from novelty.objects import group_objects
 from novelty.preprocess import PreparedPairs, PreparedScans, metres_per
+from novelty.registration import RegistrationStatus, Registrations
 from novelty.result import Change, ComponentRecord, NoveltyResult, PointState, ResultStatus
 from novelty.scan import Scan, ScanPair
 from novelty.segment import SegmentedPoints
@@ -24,6 +27,7 @@ class PairOutcome:
     """Everything known about P pairs after the last stage."""
 
     batch: PreparedPairs
+    registrations: Registrations
     models: Models
     comparison: Comparison
     added: SegmentedPoints
@@ -32,47 +36,60 @@ class PairOutcome:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One role of the pairs: its scans, mixtures, what the detector said, and the labelled points."""
+    """One role of the pairs: its scans, mixtures, what the detector said, and the labelled points.
+
+    `back` (P, 4, 4) takes the common frame to the frame of the scans as given; `groups` (N,) are the novel points in
+    contact.
+    """
 
     kind: str
     scans: PreparedScans
     fits: FitResult
     novelty: ComponentNovelty
     points: SegmentedPoints
+    groups: torch.Tensor
+    back: torch.Tensor
 
 
-def assemble(
-    pairs: Sequence[ScanPair], outcome: PairOutcome, unit: str, seconds: Mapping[str, float]
-) -> list[NoveltyResult]:
-    """Build the results of all pairs.
+def assemble(pairs: Sequence[ScanPair], outcome: PairOutcome, unit: str) -> list[NoveltyResult]:
+    """Build the results of all pairs, without timings.
 
     Args:
         pairs: The P pairs as given.
         outcome: What the stages found.
         unit: Unit of the scans as given; records are converted back to it.
-        seconds: Wall seconds of each stage for the whole batch.
     """
-    batch, comparison = outcome.batch, outcome.comparison
-    added = _Side("added", batch.current, outcome.models.current, comparison.added, outcome.added)
-    removed = _Side("removed", batch.reference, outcome.models.reference, comparison.removed, outcome.removed)
-    timings = {stage: duration / len(pairs) for stage, duration in seconds.items()}
+    added, removed = _added_side(outcome), _removed_side(outcome)
     return [
-        _pair_result(row, pair, added, removed, comparison, metres_per(unit), timings)
-        for row, pair in enumerate(pairs)
+        _pair_result(row, pair, added, removed, outcome, metres_per(unit)) for row, pair in enumerate(pairs)
     ]
 
 
+def _added_side(outcome: PairOutcome) -> _Side:
+    scans, points = outcome.batch.current, outcome.added
+    groups = novel_clusters(scans, points.labels)
+    back = torch.linalg.inv(outcome.registrations.transforms)
+    return _Side("added", scans, outcome.models.current, outcome.comparison.added, points, groups, back)
+
+
+def _removed_side(outcome: PairOutcome) -> _Side:
+    scans, points = outcome.batch.reference, outcome.removed
+    groups = novel_clusters(scans, points.labels)
+    back = torch.eye(4, dtype=torch.float64).expand(len(scans), 4, 4)
+    return _Side("removed", scans, outcome.models.reference, outcome.comparison.removed, points, groups, back)
+
+
 def _pair_result(
-    row: int,
-    pair: ScanPair,
-    added: _Side,
-    removed: _Side,
-    comparison: Comparison,
-    metres: float,
-    timings: dict[str, float],
+    row: int, pair: ScanPair, added: _Side, removed: _Side, outcome: PairOutcome, metres: float
 ) -> NoveltyResult:
+    comparison = outcome.comparison
     changes = [_change(row, pair.current, added, metres), _change(row, pair.reference, removed, metres)]
-    notes = [*_notes("current", row, added), *_notes("reference", row, removed), *comparison.notes[row]]
+    notes = [
+        *_notes("reference", row, removed),
+        *_notes("current", row, added),
+        *_registration_notes(row, outcome.registrations),
+        *comparison.notes[row],
+    ]
     return NoveltyResult(
         name=pair.name,
         changed=any(bool(change.point_labels.any()) for change in changes),
@@ -80,9 +97,10 @@ def _pair_result(
         distance=float(comparison.distance[row]),
         status=ResultStatus.NOTED if notes else ResultStatus.OK,
         message="\n".join(notes),
-        timings=timings,
+        timings={},
         added=changes[0],
         removed=changes[1],
+        registration=_registration_record(row, outcome.registrations),
         details={"reference": _details(row, removed), "current": _details(row, added)},
     )
 
@@ -97,19 +115,22 @@ def _change(row: int, scan: Scan, side: _Side, metres: float) -> Change:
         whole[kept] = values
         return whole
 
-    labels = scatter(side.points.labels, False)
-    states = np.full(scan.num_points, PointState.NOT_EXAMINED, dtype=np.uint8)
-    states[kept] = np.where(labels[kept], PointState.NOVEL, PointState.UNCHANGED)
+    states = scatter(side.points.states, int(PointState.NOT_EXAMINED))
     point_components = scatter(side.points.components, -1)
     components = _component_records(row, side, metres)
     return Change(
-        point_labels=labels,
+        point_labels=(states == PointState.NOVEL) | (states == PointState.MOVED),
         point_scores=scatter(side.points.scores, np.nan),
         point_states=states,
         point_components=point_components,
         components=components,
         objects=group_objects(
-            scan.points, point_components, labels, components, side.points.overlaps[row].numpy(), side.kind
+            scan.points,
+            point_components,
+            scatter(side.groups, -1),
+            components,
+            side.points.overlaps[row].numpy(),
+            side.kind,
         ),
     )
 
@@ -117,12 +138,13 @@ def _change(row: int, scan: Scan, side: _Side, metres: float) -> Change:
 def _component_records(row: int, side: _Side, metres: float) -> tuple[ComponentRecord, ...]:
     mixture, novelty = side.fits.mixtures, side.novelty
     weights = mixture.weights[row].tolist()
+    turn, shift = side.back[row, :3, :3].numpy(), side.back[row, :3, 3].numpy()
     return tuple(
         ComponentRecord(
             index=k,
             weight=weight,
-            mean=mixture.means[row, k].numpy() / metres,
-            covariance=mixture.covariances[row, k].numpy() / metres**2,
+            mean=(turn @ mixture.means[row, k].numpy() + shift) / metres,
+            covariance=turn @ mixture.covariances[row, k].numpy() @ turn.T / metres**2,
             num_points=int(side.points.counts[row, k]),
             novel=bool(novelty.novel[row, k]),
             score=float(novelty.scores[row, k]),
@@ -138,10 +160,29 @@ def _component_records(row: int, side: _Side, metres: float) -> tuple[ComponentR
 
 def _notes(role: str, row: int, side: _Side) -> list[str]:
     notes = [f"{role} scan: {note}" for note in side.scans.notes[row]]
-    status = Status(int(side.fits.status[row]))
+    status = Status(int(side.fits.status[row]))  # type: ignore[call-arg]
     if status is not Status.OK:
         notes.append(f"{role} scan: {status.advice}")
     return notes
+
+
+def _registration_notes(row: int, registrations: Registrations) -> list[str]:
+    status = registrations.status_of(row)
+    quiet = (RegistrationStatus.OK, RegistrationStatus.NOT_ASKED, RegistrationStatus.NO_BETTER)
+    return [] if status in quiet else [f"registration: {status.advice}"]
+
+
+def _registration_record(row: int, registrations: Registrations) -> dict[str, Any]:
+    """What registration did; lengths in metres, angles in degrees."""
+    status = registrations.status_of(row)
+    return {
+        "status": status.name,
+        "transform": registrations.transforms[row].tolist(),
+        "shift_m": float(registrations.shift[row]),
+        "turn_deg": float(registrations.turn[row]),
+        "residual_m": float(registrations.residual[row]),
+        "overlap": float(registrations.overlap[row]),
+    }
 
 
 def _details(row: int, side: _Side) -> dict[str, Any]:
@@ -156,5 +197,5 @@ def _details(row: int, side: _Side) -> dict[str, Any]:
         "num_components": int(side.fits.mixtures.num_components[row]),
         "mdl": float(side.fits.mdl[row]),
         "mdl_path": path,
-        "fit_status": Status(int(side.fits.status[row])).name,
+        "fit_status": Status(int(side.fits.status[row])).name,  # type: ignore[call-arg]
     }

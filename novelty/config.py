@@ -14,8 +14,11 @@ from novelty.detectors import Detector, GreedyEmd, Likelihood, StructuralMatchin
 from novelty.errors import ConfigError
 from novelty.fitting import Fit
 from novelty.preprocess import Preprocess
+from novelty.refinement import Refine
+from novelty.registration import Registration
 from novelty.section import section, section_fields
 from novelty.segment import Segment
+from novelty.visibility import Visibility
 
 
 @section
@@ -23,12 +26,19 @@ class Config:
     """Every setting of `novelty.detect`; a detector joins by its section here, named as in `detector`."""
 
     detector: str = Field(default="likelihood", description="Which detector compares the mixtures.")
-    max_components: int = Field(default=20, ge=1, description="K_max, the order at which the MDL search starts.")
+    max_components: int = Field(
+        default=20, ge=1, description="K_max, the order at which the MDL search starts."
+    )
     seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
-    unit: Literal["m", "cm", "mm", "in", "ft"] = Field(default="m", description="Unit of the scans' coordinates.")
+    unit: Literal["m", "cm", "mm", "in", "ft"] = Field(
+        default="m", description="Unit of the scans' coordinates."
+    )
     preprocess: Preprocess = Field(default_factory=Preprocess)
     fit: Fit = Field(default_factory=Fit)
+    registration: Registration = Field(default_factory=Registration)
     segment: Segment = Field(default_factory=Segment)
+    refine: Refine = Field(default_factory=Refine)
+    visibility: Visibility = Field(default_factory=Visibility)
     greedy_emd: GreedyEmd = Field(default_factory=GreedyEmd)
     structural_matching: StructuralMatching = Field(default_factory=StructuralMatching)
     likelihood: Likelihood = Field(default_factory=Likelihood)
@@ -120,7 +130,9 @@ def _set_dotted(mapping: dict[str, Any], dotted: str, value: Any) -> None:
 
 
 def _explain(error: ValidationError) -> str:
-    return "\n".join(_explain_one(item["loc"], item["type"], item["msg"], item["input"]) for item in error.errors())
+    return "\n".join(
+        _explain_one(item["loc"], item["type"], item["msg"], item["input"]) for item in error.errors()
+    )
 
 
 def _explain_one(location: tuple[Any, ...], kind: str, message: str, given: Any) -> str:

@@ -25,13 +25,20 @@ class Fit:
         "paper, its centroid only.",
     )
     initializer: Literal["evenly_spaced", "random_points", "kmeans++"] = Field(
-        default="evenly_spaced", description="Initial means; the paper takes points evenly spaced in scan order."
+        default="evenly_spaced",
+        description="Initial means; the paper takes points evenly spaced in scan order.",
     )
-    n_init: int = Field(default=1, ge=1, description="Initialisations per scan; the one with the least MDL is kept.")
+    n_init: int = Field(
+        default=1, ge=1, description="Initialisations per scan; the one with the least MDL is kept."
+    )
     min_std: float | None = Field(
-        default=None, gt=0, description="Least standard deviation of a component, m; null: 1e-4 of the scan's extent."
+        default=None,
+        gt=0,
+        description="Least standard deviation of a component, m; null: 1e-4 of the scan's extent.",
     )
-    precision: Literal["float64", "float32"] = Field(default="float64", description="Arithmetic of the EM iterations.")
+    precision: Literal["float64", "float32"] = Field(
+        default="float64", description="Arithmetic of the EM iterations."
+    )
 
 
 @dataclass(frozen=True)

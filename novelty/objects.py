@@ -1,4 +1,4 @@
-"""Novel components that touch become objects, with an oriented box and their neighbours (section 2.4.1)."""
+"""Novel points in contact become objects, with an oriented box and their neighbours (section 2.4.1)."""
 
 from __future__ import annotations
 
@@ -7,12 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from novelty.result import ComponentRecord, ObjectRecord
-
-TOUCHING = 0.01
-"""Two components touch when they share at least this part of the smaller one's responsibilities."""
 
 ADJACENT = 0.001
 """Two objects are neighbours when a component of one shares at least this part with a component of the other."""
@@ -42,40 +38,40 @@ class OrientedBox:
 def group_objects(
     points: NDArray[np.float64],
     point_components: NDArray[np.int64],
-    novel_points: NDArray[np.bool_],
+    groups: NDArray[np.int64],
     components: Sequence[ComponentRecord],
     overlaps: NDArray[np.float64],
     kind: str,
 ) -> tuple[ObjectRecord, ...]:
-    """Group the novel components of one scan into objects, largest first.
+    """Turn the groups of novel points of one scan into objects, largest first.
 
     Args:
         points: (N, 3) points of the scan as given.
         point_components: (N,) component of every point, -1 where not examined.
-        novel_points: (N,) True for novel points.
+        groups: (N,) number of the group of novel points in contact, -1 where not novel; see `novel_clusters`.
         components: Every component of the scan's mixture.
         overlaps: (K, K) shared responsibilities, see `SegmentedPoints.overlaps`.
         kind: `added` or `removed`.
     """
-    novel = np.array([record.index for record in components if record.novel], dtype=np.int64)
+    novel = np.flatnonzero(groups >= 0)
     if not len(novel):
         return ()
-    _, group_of = connected_components(overlaps[np.ix_(novel, novel)] >= TOUCHING, directed=False)
-    groups = [novel[group_of == group] for group in range(group_of.max() + 1)]
-    members = [np.isin(point_components, group) & novel_points for group in groups]
-    order = sorted((g for g in range(len(groups)) if members[g].any()), key=lambda g: -int(members[g].sum()))
-    kept = [groups[g] for g in order]
+    sizes = np.bincount(groups[novel])
+    members = [novel[groups[novel] == group] for group in np.argsort(-sizes, kind="stable") if sizes[group]]
+    owners = [np.unique(point_components[member]) for member in members]
     return tuple(
-        _record(index, points[members[g]], groups[g], components, _neighbours(index, kept, overlaps), kind)
-        for index, g in enumerate(order)
+        _record(index, points[member], owners[index], components, _neighbours(index, owners, overlaps), kind)
+        for index, member in enumerate(members)
     )
 
 
-def _neighbours(index: int, groups: list[NDArray[np.int64]], overlaps: NDArray[np.float64]) -> tuple[int, ...]:
-    own = groups[index]
+def _neighbours(
+    index: int, owners: list[NDArray[np.int64]], overlaps: NDArray[np.float64]
+) -> tuple[int, ...]:
+    own = owners[index]
     return tuple(
         other
-        for other, group in enumerate(groups)
+        for other, group in enumerate(owners)
         if other != index and overlaps[np.ix_(own, group)].max() >= ADJACENT
     )
 

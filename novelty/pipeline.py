@@ -8,15 +8,21 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 from novelty.assembly import PairOutcome, assemble
+from novelty.clusters import drop_specks
 from novelty.config import Config
+from novelty.detectors import ComponentNovelty
 from novelty.errors import InputError
-from novelty.fitting import FitPlan
+from novelty.fitting import FitPlan, Models
 from novelty.preprocess import PreparedPairs, check_scan, prepare
+from novelty.refinement import refine
+from novelty.registration import Registrations, register
 from novelty.result import Change, NoveltyResult, ResultStatus
 from novelty.scan import ScanPair
-from novelty.segment import segment_points
+from novelty.segment import SegmentedPoints, segment_points
+from novelty.visibility import judge
 
 
 def detect(pair: ScanPair, config: Config | None = None) -> NoveltyResult:
@@ -61,20 +67,43 @@ def _detect_usable(pairs: list[ScanPair], config: Config) -> list[NoveltyResult]
     # Section 2.2: both scans of every pair, simplified, without outliers and ground.
     with clock.stage("preprocess"):
         batch = _prepare_pairs(pairs, config)
+    # Section 4, future work: the given poses refined, what remains of their error measured.
+    with clock.stage("register"):
+        registrations = register(batch, config.registration)
+        batch = batch.aligned(registrations.transforms)
     # Section 2.3: Gaussian mixtures, their order chosen by MDL (Algorithm 1).
     with clock.stage("fit"):
         models = detector.fit(batch, plan)
     # Section 2.4: which components have no counterpart in the other mixture.
     with clock.stage("compare"):
         comparison = detector.compare(batch, models)
-    # Algorithm 2, line 10: the points of those components.
+    # Algorithm 2, line 10: the points of those components; then what lies inside them and behind them.
     with clock.stage("segment"):
-        added = segment_points(batch.current.points, models.current.mixtures, comparison.added, config.segment)
-        removed = segment_points(
-            batch.reference.points, models.reference.mixtures, comparison.removed, config.segment
-        )
-        outcomes = PairOutcome(batch, models, comparison, added, removed)
-        return assemble(pairs, outcomes, config.unit, clock.seconds)
+        added = _segment(batch, models, comparison.added, registrations, config)
+        removed = _segment(batch.exchanged(), models.exchanged(), comparison.removed, registrations, config)
+    with clock.stage("objects"):
+        outcome = PairOutcome(batch, registrations, models, comparison, added, removed)
+        results = assemble(pairs, outcome, config.unit)
+    timings = {stage: seconds / len(pairs) for stage, seconds in clock.seconds.items()}
+    return [replace(result, timings=timings) for result in results]
+
+
+def _segment(
+    batch: PreparedPairs,
+    models: Models,
+    novelty: ComponentNovelty,
+    registrations: Registrations,
+    config: Config,
+) -> SegmentedPoints:
+    """Label the points of the current scans: by component, refined, and judged by what the reference could see."""
+    scans, others = batch.current, batch.reference
+    resolution = batch.resolution(registrations.residual)
+    segmented = segment_points(scans.points, models.current.mixtures, novelty, config.segment)
+    if config.refine.method != "none":
+        segmented = refine(segmented, scans, others, resolution, config.refine)
+    if config.visibility.method != "none":
+        segmented = judge(segmented, scans, others, resolution, config.visibility)
+    return drop_specks(segmented, scans, config.segment)
 
 
 def _prepare_pairs(pairs: list[ScanPair], config: Config) -> PreparedPairs:

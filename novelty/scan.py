@@ -31,7 +31,11 @@ class Scan:
     name: str = ""
 
     def __init__(
-        self, points: ArrayLike, origin: ArrayLike | None = None, labels: ArrayLike | None = None, name: str = ""
+        self,
+        points: ArrayLike,
+        origin: ArrayLike | None = None,
+        labels: ArrayLike | None = None,
+        name: str = "",
     ) -> None:
         """Check the shapes and store read-only float64 arrays.
 
@@ -62,7 +66,9 @@ class ScanPair:
 def _points(points: ArrayLike, name: str) -> NDArray[np.float64]:
     array = _float64(points, "points", name)
     if array.ndim != 2 or array.shape[1] != 3:
-        raise InputError(f"{_label(name)}: points must have shape (N, 3), one row per point; got {array.shape}.")
+        raise InputError(
+            f"{_label(name)}: points must have shape (N, 3), one row per point; got {array.shape}."
+        )
     return array
 
 

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from gmmtorch import GaussianMixtures, PointClouds
 from novelty.detectors import ComponentNovelty
+from novelty.result import PointState
 from novelty.section import section
 
 
@@ -22,7 +23,14 @@ class Segment:
         description="A point is novel when its most probable component is (map), or when the posterior of a novel "
         "component exceeds `posterior_threshold` (posterior).",
     )
-    posterior_threshold: float = Field(default=0.5, ge=0, lt=1, description="Threshold of the rule `posterior`.")
+    posterior_threshold: float = Field(
+        default=0.5, ge=0, lt=1, description="Threshold of the rule `posterior`."
+    )
+    min_points: int = Field(
+        default=1,
+        ge=1,
+        description="Novel points that touch fewer others than this are taken for noise and called unchanged.",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,18 +38,23 @@ class SegmentedPoints:
     """The examined points of B scans, packed as in the clouds they came from.
 
     Attributes:
-        labels: bool (N,), True for a novel point.
+        states: uint8 (N,), see `PointState`.
         scores: float64 (N,), higher = more novel.
-        components: int64 (N,), argmax_k of the responsibilities; -1 where the mixture is empty.
+        components: int64 (N,), argmax_k of the responsibilities.
         overlaps: float64 (B, K, K), sum_n r_nk r_nl / min(sum_n r_nk, sum_n r_nl): what two components share.
         counts: int64 (B, K), points whose most probable component is k.
     """
 
-    labels: torch.Tensor
+    states: torch.Tensor
     scores: torch.Tensor
     components: torch.Tensor
     overlaps: torch.Tensor
     counts: torch.Tensor
+
+    @property
+    def labels(self) -> torch.Tensor:
+        """bool (N,), True for novel points."""
+        return (self.states == PointState.NOVEL) | (self.states == PointState.MOVED)
 
 
 def segment_points(
@@ -57,20 +70,24 @@ def segment_points(
         above = responsibilities > settings.posterior_threshold
         labels = (above & novelty.novel[owner]).any(dim=1)
     scores = novelty.point_scores
-    if scores is None:
-        scores = novelty.scores[owner, components]
     return SegmentedPoints(
-        labels=labels,
-        scores=scores,
+        states=states_of(labels),
+        scores=novelty.scores[owner, components] if scores is None else scores,
         components=components,
         overlaps=_overlaps(points, responsibilities),
         counts=_counts(owner, components, mixtures),
     )
 
 
+def states_of(labels: torch.Tensor) -> torch.Tensor:
+    """`PointState` NOVEL where True, UNCHANGED elsewhere, uint8 (N,)."""
+    return torch.where(labels, int(PointState.NOVEL), int(PointState.UNCHANGED)).to(torch.uint8)
+
+
 def _overlaps(points: PointClouds, responsibilities: torch.Tensor) -> torch.Tensor:
-    shared = torch.stack([piece.T @ piece for piece in points.split(responsibilities)])  # (B, K, K)
-    mass = torch.stack([piece.sum(dim=0) for piece in points.split(responsibilities)])  # (B, K)
+    pieces = points.split(responsibilities)
+    shared = torch.stack([piece.T @ piece for piece in pieces])  # (B, K, K)
+    mass = torch.stack([piece.sum(dim=0) for piece in pieces])  # (B, K)
     least = torch.minimum(mass[:, :, None], mass[:, None, :])
     return torch.where(least > 0, shared / least, torch.zeros_like(shared))
 

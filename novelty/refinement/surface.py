@@ -48,7 +48,9 @@ def surface_distances(points: PointClouds, cells: PointClouds, resolution: torch
     return torch.cat([_distances(*row) for row in rows])
 
 
-def _distances(points: torch.Tensor, means: torch.Tensor, spreads: torch.Tensor, resolution: float) -> torch.Tensor:
+def _distances(
+    points: torch.Tensor, means: torch.Tensor, spreads: torch.Tensor, resolution: float
+) -> torch.Tensor:
     if not len(means):
         return points.new_full((len(points),), torch.inf)
     centre = means.mean(dim=0)  # maps live far from their origin
@@ -92,7 +94,10 @@ def own_quantile(
     others = _members(points, ~half)
     distances = surface_distances(others, cells, resolution)
     return torch.stack(
-        [part.quantile(share) if len(part) else part.new_tensor(torch.nan) for part in _thinned(others, distances)]
+        [
+            part.quantile(share) if len(part) else part.new_tensor(torch.nan)
+            for part in _thinned(others, distances)
+        ]
     )
 
 

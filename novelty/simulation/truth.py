@@ -3,15 +3,14 @@
 Every point is judged by the surface point x that its ray hit, without noise, and by the object it belongs to:
 
 * `AMBIGUOUS` (255): the reading is a mixed pixel, or comes from glass (an object that returns less than half of
-  the rays).
-* `CHANGED` (1): the object is absent from the other world or stood elsewhere in it, and no surface of the other
-  world passes through x.
+  the rays); or it would be `CHANGED`, but the other sensor could not see x, so that no comparison can tell.
+* `CHANGED` (1): the object is absent from the other world or stood elsewhere in it, no surface of the other world
+  passes through x, and the other sensor could see x.
 * `SEEN_ONCE` (2): the surface at x existed in both worlds, but the other sensor could not see x: it is out of its
   field of view or range, met at too grazing an angle, or hidden behind something in the other world.
 * `UNCHANGED` (0): the surface existed in both worlds and the other sensor could see it.
 
-A new object is changed even where the other sensor could not have seen its place; `Truth.observable` tells such
-points apart. The rule is symmetric: for a reference point, `CHANGED` means removed or moved away.
+The rule is symmetric: for a reference point, `CHANGED` means removed or moved away.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ def _judge(own: Measurement, other: Measurement, states: dict[str, BodyState]) -
     changed[rows] = other.scene.distance(own.surface[rows]) > SAME_PLACE
     observable = can_see(other, own.surface)
     labels = np.where(observable, UNCHANGED, SEEN_ONCE).astype(np.uint8)
-    labels[changed] = CHANGED
+    labels[changed] = np.where(observable[changed], CHANGED, AMBIGUOUS)
     labels[own.mixed | (own.scene.reflectivity[own.bodies] < 0.5)] = AMBIGUOUS
     return Truth(labels, own.bodies, own.scene.names, state, observable)
 

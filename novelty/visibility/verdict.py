@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from pydantic import Field
 
+from novelty.clusters import novel_clusters
+from novelty.preprocess import PreparedScans
 from novelty.result import PointState
 from novelty.section import section
+from novelty.segment import SegmentedPoints
 from novelty.visibility.rays import Rays, Sight
 
 
@@ -29,31 +34,62 @@ class Visibility:
         description="Part of a group's judged points that must have been seen through for the whole group to count.",
     )
     tolerance: float = Field(
-        default=3.0, gt=0, description="Range differences below this many times the resolution of the pair mean nothing."
+        default=3.0,
+        gt=0,
+        description="Range differences below this many times the resolution of the pair mean nothing.",
     )
 
 
 def judge(
+    segmented: SegmentedPoints,
+    scans: PreparedScans,
+    others: PreparedScans,
+    resolution: torch.Tensor,
+    settings: Visibility,
+) -> SegmentedPoints:
+    """Turn novel points that the other scan could not have seen into occluded or unobserved ones.
+
+    Args:
+        segmented: Labels of the B scans.
+        scans: The B scans labelled.
+        others: The B scans they were compared with, in the same frame. Where one has no single known origin the
+            labels stay as they are.
+        resolution: (B,) m, range below which two scans of one surface cannot be told apart.
+        settings: How to judge.
+    """
+    labels = segmented.labels
+    groups = novel_clusters(scans, labels) * segmented.counts.shape[1] + segmented.components
+    states = segmented.states.clone()
+    parts = zip(
+        scans.points.split(scans.points.points),
+        scans.points.split(labels),
+        scans.points.split(groups),
+        scans.points.split(states),
+        others.points.split(others.points.points),
+        others.origins,
+        resolution.tolist(),
+        strict=True,
+    )
+    for points, novel, group, state, other_points, origin, length in parts:
+        if origin is None or origin.ndim != 1 or not novel.any():
+            continue
+        rays = Rays.of(other_points.numpy(), origin)
+        verdict = _verdict(points[novel].numpy(), group[novel].numpy(), rays, length, settings)
+        state[novel] = torch.from_numpy(verdict)
+    return replace(segmented, states=states)
+
+
+def _verdict(
     points: NDArray[np.float64],
     groups: NDArray[np.int64],
     other: Rays,
     resolution: float,
     settings: Visibility,
 ) -> NDArray[np.uint8]:
-    """State of every point that a comparison called novel, uint8 (M,).
+    """State of every novel point (M,).
 
-    A group of points (a component's connected novel points) that the other scan saw through is novel as a whole: its
-    parts in shadow belong to the same thing. In other groups every point stands for itself.
-
-    Args:
-        points: (M, 3) novel points, m.
-        groups: (M,) the group of each.
-        other: The rays of the other scan, in the same frame.
-        resolution: Range below which the two scans cannot be told apart, m.
-        settings: How to judge.
-
-    Returns:
-        `PointState.NOVEL`, `OCCLUDED` or `UNOBSERVED`.
+    A group of points (the connected novel points of one component) that the other scan saw through is novel as a
+    whole: its parts in shadow belong to the same thing. In other groups every point stands for itself.
     """
     sights = other.sights(points, settings.tolerance * resolution)
     _, group = np.unique(groups, return_inverse=True)

@@ -1,0 +1,102 @@
+"""Labels finer than components: a component that is half old, half new must not spoil its points.
+
+A component is doubtful when the surface of the other scan explains a part of its points and not the rest. Inside it
+the detector's verdict, one for all, cannot be right; there each cell of simplification is judged by its own points.
+Where a component is explained as a whole, or not at all, the verdict stands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import torch
+from pydantic import Field
+from scipy.stats import chi2
+
+from novelty.preprocess import PreparedScans
+from novelty.refinement.surface import own_quantile, surface_distances
+from novelty.section import section
+from novelty.segment import SegmentedPoints, states_of
+
+
+@section
+class Refine:
+    """How labels are refined inside doubtful components."""
+
+    method: Literal["surface", "none"] = Field(
+        default="surface",
+        description="surface: inside doubtful components every cell is judged by its distance from the other scan's "
+        "surface; none: every point follows its component.",
+    )
+    false_alarm: float = Field(
+        default=1e-3,
+        gt=0,
+        lt=1,
+        description="Share of unchanged points that may be off the surface by chance; sets the distance, no length.",
+    )
+    doubt: tuple[float, float] = Field(
+        default=(0.02, 0.8),
+        description="A component is doubtful when the share of its points off the surface lies between these.",
+    )
+
+
+def refine(
+    segmented: SegmentedPoints,
+    scans: PreparedScans,
+    other: PreparedScans,
+    resolution: torch.Tensor,
+    settings: Refine,
+) -> SegmentedPoints:
+    """Refine the labels of B scans against the scans they were compared with.
+
+    Args:
+        segmented: Labels that follow the components.
+        scans: The B scans labelled.
+        other: The B scans they were compared with, in the same frame.
+        resolution: (B,) m, see `surface_distances`.
+        settings: How to refine.
+
+    Returns:
+        The same with refined labels; the scores are distances from the other scan's surface in standard deviations.
+        A scan compared with an empty one keeps its labels and scores.
+    """
+    distances = surface_distances(scans.points, other.cells, resolution)  # (N,)
+    comparable = torch.tensor([size > 0 for size in other.cells.sizes])[scans.points.cloud_index]
+    off = (distances > _threshold(scans, resolution, settings)[scans.points.cloud_index]) & comparable
+    low, high = settings.doubt
+    share = _share_off(off, segmented, scans)
+    doubtful = (share > low) & (share < high) & comparable
+    return replace(
+        segmented,
+        states=torch.where(
+            doubtful, states_of(_majority_of_cell(off, scans.cell_of_point)), segmented.states
+        ),
+        scores=torch.where(comparable, distances.sqrt(), segmented.scores),
+    )
+
+
+def _threshold(scans: PreparedScans, resolution: torch.Tensor, settings: Refine) -> torch.Tensor:
+    """Squared distance that unchanged points exceed with probability `false_alarm` (B,).
+
+    The quantile of chi-squared for Gaussian noise, or the scan's own where its surfaces are rougher than that.
+    """
+    own = own_quantile(scans.points, scans.cell_of_point, resolution, 1 - settings.false_alarm)
+    return own.nan_to_num(0.0).clamp_min(float(chi2.isf(settings.false_alarm, df=3)))
+
+
+def _share_off(off: torch.Tensor, segmented: SegmentedPoints, scans: PreparedScans) -> torch.Tensor:
+    """Share of the points of each point's component that are off the surface (N,)."""
+    num_components = segmented.counts.shape[1]
+    slot = scans.points.cloud_index * num_components + segmented.components
+    count = torch.bincount(slot, minlength=segmented.counts.numel())
+    hits = torch.bincount(slot, weights=off.double(), minlength=segmented.counts.numel())
+    return (hits / count)[slot]
+
+
+def _majority_of_cell(off: torch.Tensor, cell_of_point: torch.Tensor) -> torch.Tensor:
+    """Whether more than half of the points of each point's cell are off the surface (N,)."""
+    if not len(off):
+        return off
+    share = torch.bincount(cell_of_point, weights=off.double()) / torch.bincount(cell_of_point)
+    return share[cell_of_point] > 0.5
