@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from novelty.errors import InputError
 from novelty.preprocess.survivors import Survivors
@@ -15,7 +16,8 @@ STEP = "not finite"
 
 def drop_missing(scan: Survivors) -> Survivors:
     """Take out points with a NaN or infinite coordinate; an origin that is not finite counts as unknown."""
-    left = scan.only(np.isfinite(scan.points).all(axis=1), STEP)
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(scan.points).all(axis=1))
+    left = scan.only(finite, STEP)
     if left.dropped[STEP]:
         left = left.noted(f"{left.dropped[STEP]} points without finite coordinates were not examined.")
     origins = left.point_origins

@@ -36,9 +36,7 @@ def _usual(points: NDArray[np.float64], neighbors: int, std_ratio: float) -> NDA
     return stays | _clumped(points, ~stays, neighbors)
 
 
-def _clumped(
-    points: NDArray[np.float64], removed: NDArray[np.bool_], neighbors: int
-) -> NDArray[np.bool_]:
+def _clumped(points: NDArray[np.float64], removed: NDArray[np.bool_], neighbors: int) -> NDArray[np.bool_]:
     """Removed points that coincide with their neighbours: Open3D takes a mean distance of 0 for an outlier."""
     _, group, sizes = np.unique(points[removed], axis=0, return_inverse=True, return_counts=True)
     clumped = np.zeros(len(points), dtype=bool)

@@ -14,7 +14,9 @@ class Preprocess:
     """What is taken out of a scan and how the rest is simplified (section 2.2)."""
 
     min_range: float | None = Field(
-        default=None, ge=0, description="Least distance from the sensor, m; null: no limit. Needs the scan's origin."
+        default=None,
+        ge=0,
+        description="Least distance from the sensor, m; null: no limit. Needs the scan's origin.",
     )
     max_range: float | None = Field(
         default=None,
@@ -25,12 +27,15 @@ class Preprocess:
         default=None, description="Least coordinate along `up`, in the frame of the scan, m; null: no limit."
     )
     max_height: float | None = Field(
-        default=None, description="Greatest coordinate along `up`, in the frame of the scan, m; null: no limit."
+        default=None,
+        description="Greatest coordinate along `up`, in the frame of the scan, m; null: no limit.",
     )
     outliers: Literal["statistical", "none"] = Field(
         default="statistical", description="How sparse outliers are taken out (Rusu et al. 2008)."
     )
-    outlier_neighbors: int = Field(default=20, ge=2, description="Neighbours whose mean distance is looked at.")
+    outlier_neighbors: int = Field(
+        default=20, ge=2, description="Neighbours whose mean distance is looked at."
+    )
     outlier_std_ratio: float = Field(
         default=2.0,
         gt=0,
@@ -40,7 +45,8 @@ class Preprocess:
         default="ransac", description="How the ground plane is taken out (Lai & Fox 2009)."
     )
     up: tuple[float, float, float] = Field(
-        default=(0.0, 0.0, 1.0), description="Direction away from the ground in the frame of the scan; any length."
+        default=(0.0, 0.0, 1.0),
+        description="Direction away from the ground in the frame of the scan; any length.",
     )
     max_ground_tilt: float = Field(
         default=15.0, ge=0, le=90, description="Greatest angle between the ground's normal and `up`, degrees."
@@ -58,6 +64,9 @@ class Preprocess:
     )
     max_cell_size: int = Field(default=20, ge=1, description="Points in a cluster that need not be split.")
     max_surface_variation: float = Field(
-        default=0.1, ge=0, le=1 / 3, description="Surface variation (eq. 1) of a cluster that need not be split."
+        default=0.1,
+        ge=0,
+        le=1 / 3,
+        description="Surface variation (eq. 1) of a cluster that need not be split.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of RANSAC; every scan starts from it anew.")

@@ -78,7 +78,9 @@ def test_an_unknown_unit_and_a_direction_without_length_are_refused(room):
 
 
 def test_range_is_measured_from_where_the_sensor_stood(room):
-    fixed = prepare([Scan(room, (0, 0, 1))], Preprocess(min_range=0.5, max_range=2, outliers="none", ground="none"))
+    fixed = prepare(
+        [Scan(room, (0, 0, 1))], Preprocess(min_range=0.5, max_range=2, outliers="none", ground="none")
+    )
     ranges = np.linalg.norm(room - [0, 0, 1], axis=1)
     assert np.array_equal(fixed.kept[0], np.flatnonzero((ranges >= 0.5) & (ranges <= 2)))
     moving = room + np.array([0.0, 1.0, 0.0])

@@ -77,7 +77,9 @@ def test_walls_alone_have_no_ground(rng):
 
 
 def test_an_optical_frame_with_its_wall_ahead_has_no_ground(rng):
-    ahead = np.concatenate([_level(rng, 6000, 1.5, (-1, -1), (1, 1)), _level(rng, 900, 0.9, (0, 0), (0.3, 0.3))])
+    ahead = np.concatenate(
+        [_level(rng, 6000, 1.5, (-1, -1), (1, 1)), _level(rng, 900, 0.9, (0, 0), (0.3, 0.3))]
+    )
     assert isinstance(_find(ahead), NoGround)
     only = _find(ahead[:6000], origin=(0, 0, 0))
     assert isinstance(only, NoGround)
@@ -91,10 +93,10 @@ def test_a_table_seen_at_45_degrees_is_too_steep_for_a_ground(rng):
 
 @pytest.mark.parametrize("degrees", [0, 10])
 def test_a_ground_may_be_tilted_and_up_may_point_anywhere(room, degrees):
-    tilted = _rotated(room, degrees)[:, [1, 2, 0]]
-    plane = _find(tilted + [5e5, 4e6, 100], up=(0, 2, 0))
+    tilted = _rotated(room, degrees)[:, [1, 2, 0]] + np.array([5e5, 4e6, 100])
+    plane = _find(tilted, up=(0, 2, 0))
     assert isinstance(plane, Plane)
-    assert plane.holds(tilted + [5e5, 4e6, 100])[:3000].mean() > 0.99
+    assert plane.holds(tilted)[:3000].mean() > 0.99
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.002, 0.03])

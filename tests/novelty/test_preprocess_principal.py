@@ -13,7 +13,15 @@ def _covariances(spectrum, seed=0, count=300):
     return torch.as_tensor(axes * np.asarray(spectrum) @ axes.transpose(0, 2, 1))
 
 
-SPECTRA = [(1, 2, 3), (0, 1, 2), (0, 0, 1), (1e-12, 0.4, 1), (1, 1, 1.1), (1e-20, 1e-18, 1e-17), (1e6, 3e7, 1e9)]
+SPECTRA = [
+    (1, 2, 3),
+    (0, 1, 2),
+    (0, 0, 1),
+    (1e-12, 0.4, 1),
+    (1, 1, 1.1),
+    (1e-20, 1e-18, 1e-17),
+    (1e6, 3e7, 1e9),
+]
 
 
 @pytest.mark.parametrize("spectrum", SPECTRA)

@@ -19,7 +19,7 @@ def _cases():
     grid = np.stack(np.meshgrid(*[np.arange(5.0)] * 2, [0.0]), axis=-1).reshape(-1, 3) * [1, 1.3, 1]
     return {
         "room": _room(rng, 3000),
-        "far away": _room(rng, 800) + [5e5, 4.2e6, 100.0],
+        "far away": _room(rng, 800) + np.array([5e5, 4.2e6, 100.0]),
         "isotropic": rng.normal(size=(500, 3)),
         "tiny": 1e-9 * rng.normal(size=(200, 3)),
         "coplanar": rng.normal(size=(400, 3)) * [1, 1, 0],
@@ -37,7 +37,13 @@ def _cases():
 
 
 CASES = _cases()
-SCALES = [Scale("or", 20, 0.1), Scale("and", 20, 0.1), Scale("or", 1, 0.1), Scale("or", 7, 1 / 3), Scale("or", 50, 0.0)]
+SCALES = [
+    Scale("or", 20, 0.1),
+    Scale("and", 20, 0.1),
+    Scale("or", 1, 0.1),
+    Scale("or", 7, 1 / 3),
+    Scale("or", 50, 0.0),
+]
 
 
 def _members(simplified, cloud):
@@ -64,7 +70,9 @@ def test_cells_are_counts_means_and_covariances_of_their_points(name):
     for cell, members in enumerate(_members(simplified, 0)):
         part = points[members] - points.mean(axis=0)
         assert simplified.cells.weights[cell] == len(members)
-        np.testing.assert_allclose(simplified.cells.points[cell], points[members].mean(axis=0), atol=1e-9 * scale)
+        np.testing.assert_allclose(
+            simplified.cells.points[cell], points[members].mean(axis=0), atol=1e-9 * scale
+        )
         expected = np.cov(part.T, bias=True) if len(part) > 1 else np.zeros((3, 3))
         np.testing.assert_allclose(simplified.cells.spreads[cell], expected, atol=1e-12 * scale**2, rtol=1e-9)
 
