@@ -35,7 +35,7 @@ def show_answer(result: NoveltyResult, unit: str, scores: Mapping[str, LabelledS
     for note in notes(result):
         out.print(f"[yellow]note:[/] {escape(note)}")
     stages = ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())
-    out.print(stages, style="dim")
+    out.print(f"time: {stages}", style="dim")
 
 
 def _as_rich(table: ReportTable, leave_out: tuple[str, ...]) -> Table:
@@ -43,7 +43,7 @@ def _as_rich(table: ReportTable, leave_out: tuple[str, ...]) -> Table:
     shown = plain_table()
     for place in kept:
         column = table.columns[place]
-        shown.add_column(column.name, justify="right" if column.numeric else "left", no_wrap=True)
+        shown.add_column(escape(column.name), justify="right" if column.numeric else "left", no_wrap=True)
     for row in table.rows[:MAX_ROWS]:
         shown.add_row(*(escape(row.cells[place]) for place in kept))
     if len(table.rows) > MAX_ROWS:

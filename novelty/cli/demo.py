@@ -23,8 +23,10 @@ def demo(
         from novelty.cli.scoring import cells, score_result, score_table, scored_pair
         from novelty.config import Config, detector_names
         from novelty.pipeline import detect
-        from novelty.report import Run, headline, write_outputs
+        from novelty.report import Run, headline, make_folder, write_outputs
         from novelty.simulation import demo_pair
+
+        make_folder(out_folder)
     with working("Simulating a corridor, twice"):
         pair = demo_pair(seed)
     sizes = f"{pair.reference.num_points:,} and {pair.current.num_points:,} points".replace(",", " ")

@@ -58,12 +58,14 @@ def detect(
         from novelty.cli.scoring import score_result
         from novelty.io import read_scan
         from novelty.pipeline import detect as detect_pair
-        from novelty.report import Run, write_outputs
+        from novelty.report import Run, make_folder, write_outputs
         from novelty.scan import ScanPair
 
         settings = build_config(
             config, assignments, detector=detector, unit=unit, max_components=max_components, seed=seed
         )
+        if out_folder is not None:
+            make_folder(out_folder)
     with working("Reading the scans"):
         pair = ScanPair(
             reference=read_scan(reference, origin_before),

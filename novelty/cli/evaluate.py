@@ -66,6 +66,8 @@ def evaluate(
                 rows += _score_batch(batch, settings)
     for settings in configs:
         _show([row for row in rows if row.detector == settings.detector], settings.detector)
+    for name, failure in dict.fromkeys((row.name, row.failure) for row in rows if row.failure):
+        err.print(f"[bold red]{escape(name)} failed:[/] {escape(failure)}", soft_wrap=True)
     if out_file is not None:
         write_rows(out_file, rows)
         out.print(f"Rows: {escape(str(out_file))}", soft_wrap=True)
@@ -110,9 +112,12 @@ def _load(entry: PairEntry | FailedPair, unit: str) -> _Loaded:
         metres_per(unit)
         pair = entry.load()
     except NoveltyError as error:
-        return _Loaded(entry.name, unit, None, str(error))
+        message = str(error)
+        source = "" if message.startswith(entry.source) else f"{entry.source}: "
+        return _Loaded(entry.name, unit, None, source + message)
     if pair.reference.labels is None and pair.current.labels is None:
-        return _Loaded(entry.name, unit, None, "neither scan carries ground truth (a `label` per vertex).")
+        reason = f"{entry.source}: neither scan carries ground truth (a `label` per vertex)."
+        return _Loaded(entry.name, unit, None, reason)
     return _Loaded(entry.name, unit, pair)
 
 
@@ -150,6 +155,3 @@ def _show(rows: Sequence[ScoredPair], detector: str) -> None:
         table.add_section()
         table.add_row(f"mean of {len(scored)}", *cells(mean_row(scored)), style="bold")
     out.print(table)
-    for row in rows:
-        if row.failure:
-            err.print(f"[bold red]{escape(row.name)} failed:[/] {escape(row.failure)}", soft_wrap=True)

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 COLUMNS = {
     "kappa_added": "kappa\nadded",
-    "kappa_removed": "kappa\nremoved",
+    "kappa_removed": "kappa\nremov.",
     "kappa": "kappa\nmean",
     "cramers_v": "V",
     "uncertainty": "U",
     "f1": "F1",
     "iou": "IoU",
     "seen_once_called_novel": "seen\nonce",
-    "seconds": "seconds",
+    "seconds": "time\n(s)",
 }
 """Keys of a row's numbers and their headings; where no direction is named, the mean of both."""
 
@@ -89,8 +89,8 @@ def mean_row(rows: Sequence[ScoredPair]) -> dict[str, float]:
 
 def score_table(first: str) -> Table:
     """An empty table of scores; `first` heads the column that names the rows."""
-    table = plain_table()
-    table.add_column(first, overflow="fold", vertical="bottom", min_width=8)
+    table = plain_table(gap=1)
+    table.add_column(first, overflow="fold", vertical="bottom", min_width=19)
     for heading in COLUMNS.values():
         table.add_column(heading, justify="right", vertical="bottom", no_wrap=True)
     return table

@@ -36,8 +36,6 @@ def command_line() -> str:
     return shlex.join(["novelty", *sys.argv[1:]])
 
 
-def plain_table(title: str = "") -> Table:
-    """A table without frame, narrow enough for eighty columns."""
-    return Table(
-        title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
-    )
+def plain_table(gap: int = 2) -> Table:
+    """A table without frame; `gap` spaces between columns."""
+    return Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap - 1, 0, 0))

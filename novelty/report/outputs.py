@@ -39,15 +39,28 @@ def write_outputs(
         InputError: The folder cannot be written to.
         MissingDependencyError: Open3D, which writes PLY, cannot be loaded.
     """
-    target = Path(folder)
+    target = make_folder(folder)
     try:
-        target.mkdir(parents=True, exist_ok=True)
         write_json(target / "result.json", result_record(pair, result, run, scores or {}))
         write_labelled_scan(target / "current.ply", pair.current, result.added)
         write_labelled_scan(target / "reference.ply", pair.reference, result.removed)
         write_report(target / "report.html", pair, result, run, scores)
     except OSError as error:
         raise InputError(f"{target}: the results cannot be written: {error.strerror or error}.") from None
+
+
+def make_folder(folder: str | Path) -> Path:
+    """Make the folder that results go to, before the work that leads to them.
+
+    Raises:
+        InputError: The folder cannot be made.
+    """
+    target = Path(folder)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{target}: the folder cannot be made: {error.strerror or error}.") from None
+    return target
 
 
 def write_labelled_scan(path: str | Path, scan: Scan, change: Change) -> None:
