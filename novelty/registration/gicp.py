@@ -10,7 +10,7 @@ from novelty.io.open3d_library import load_open3d
 from novelty.registration.matching import Matcher
 from novelty.registration.mixture import TOLERANCE, Alignment
 from novelty.registration.motion import Motions
-from novelty.registration.robust import group_quantile, narrow
+from novelty.registration.robust import WIDTH, distance_scale, group_quantile
 from novelty.registration.surfels import Surfels
 
 SCALES = (8.0, 8.0, 4.0, 4.0, 4.0)
@@ -31,10 +31,10 @@ def align_gicp(matcher: Matcher, max_iterations: int) -> Alignment:
     pairs = len(matcher.current.sizes)
     current, reference = _clouds(matcher.current), _clouds(matcher.reference)
     extents = group_quantile(matcher.reference.extents, matcher.reference.owner, pairs, 0.5).nan_to_num(0)
-    motions, width = Motions.identity(pairs), torch.full((pairs,), torch.inf, dtype=torch.float64)
+    motions = Motions.identity(pairs)
     moved = torch.zeros(pairs, dtype=torch.float64)
     for scale in SCALES:
-        width, _ = narrow(matcher, matcher.match(motions), width)
+        width = WIDTH * distance_scale(matcher, matcher.match(motions), pairs)
         reaches = (scale * extents).tolist()
         found = [
             _refine(*pair, max_iterations)

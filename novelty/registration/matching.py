@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,11 +59,9 @@ class Matcher:
         self._trees = [cKDTree(part.numpy()) if len(part) else None for part in parts]
         self._starts = np.cumsum([0, *reference.sizes])
 
-    def thinned(self, limit: int) -> Matcher:
-        """The same search for at most about `limit` surfels of each current scan."""
-        other = copy.copy(self)
-        other.current = self.current.thinned(limit)
-        return other
+    def merged(self, limit: int) -> Matcher:
+        """The same search among coarser surfels, about `limit` per scan."""
+        return Matcher(self.current.merged(limit), self.reference.merged(limit))
 
     def match(self, motions: Motions) -> Matches:
         """Match every current surfel of the pairs whose reference has any."""

@@ -19,13 +19,19 @@ import torch
 
 from novelty.registration.matching import Matcher, Matches
 from novelty.registration.motion import Motions, cross_matrices
-from novelty.registration.robust import group_quantile, group_sum, narrow, trust
+from novelty.registration.robust import WIDTH, distance_scale, group_quantile, group_sum, trust, widest
 
 OBSERVABLE = 0.01
 """Share of the matched surface that must face a direction for the pose to be fixed in it."""
 
-SAMPLE = 1500
-"""Surfels of the current scan that find the pose before all of them polish it."""
+LEVELS = (400, 1600)
+"""Surfels per scan of the coarse levels that find the pose before all cells polish it."""
+
+SHRINK = 0.6
+"""By how much c narrows once the motion has settled at a width, until it meets the scale of the residuals."""
+
+CALM = 0.05
+"""A step below this share of a typical surfel's extent has settled enough to narrow c."""
 
 TOLERANCE = 2e-3
 """A step below this share of a typical cell's extent is none."""
@@ -75,10 +81,9 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Where the descent of P pairs stands: motions, c (P,), steps taken (P,), whether they died out (P,)."""
+    """Where the descent of P pairs stands: motions, steps taken (P,), whether they died out (P,)."""
 
     motions: Motions
-    width: torch.Tensor
     num_iterations: torch.Tensor
     converged: torch.Tensor
 
@@ -86,35 +91,48 @@ class _State:
 def align(matcher: Matcher, max_iterations: int) -> Alignment:
     """Align the current surfels of P pairs with the reference's, starting from the given poses."""
     pairs = len(matcher.current.sizes)
-    start = _State(
+    state = _State(
         Motions.identity(pairs),
-        torch.full((pairs,), torch.inf, dtype=torch.float64),
         torch.zeros(pairs, dtype=torch.long),
         torch.zeros(pairs, dtype=torch.bool),
     )
-    # A sample of the surfels finds the pose to a fraction of a millimetre; all of them polish it.
-    near = _descend(matcher.thinned(SAMPLE), start, max_iterations)
-    polished = _descend(matcher, near, max_iterations)
-    return Alignment(polished.motions, polished.num_iterations, near.converged & polished.converged)
+    for level in LEVELS:
+        coarse = matcher.merged(level)
+        first = widest(coarse, coarse.match(state.motions), pairs) if level == LEVELS[0] else None
+        state = _descend(coarse, state, first, max_iterations)
+    state = _descend(matcher, state, None, max_iterations)
+    return Alignment(state.motions, state.num_iterations, state.converged)
 
 
-def _descend(matcher: Matcher, state: _State, max_iterations: int) -> _State:
-    """Gauss-Newton steps until they die out for every pair; a pair that has arrived stays where it is."""
-    pairs = len(state.width)
+def _descend(matcher: Matcher, state: _State, width: torch.Tensor | None, max_iterations: int) -> _State:
+    """Gauss-Newton steps until they die out for every pair; a pair that has arrived stays where it is.
+
+    Args:
+        matcher: The surfels of one level.
+        state: Where to start.
+        width: c at the start (P,); None: as wide as the residuals ask for.
+        max_iterations: Most steps.
+    """
+    pairs = len(state.converged)
     radius = radius_of(matcher)
     extent = group_quantile(matcher.reference.extents, matcher.reference.owner, pairs, 0.5).nan_to_num(0)
-    motions, width, iterations = state.motions, state.width, state.num_iterations.clone()
-    active = torch.ones(pairs, dtype=torch.bool)
+    motions, iterations = state.motions, state.num_iterations.clone()
+    active, length = torch.ones(pairs, dtype=torch.bool), extent.new_full((pairs,), torch.inf)
     for _ in range(max_iterations):
         matches = matcher.match(motions)
-        width, settled = narrow(matcher, matches, width)
+        target = WIDTH * distance_scale(matcher, matches, pairs)
+        width = target if width is None else torch.maximum(width, target)
         steps = normal_equations(matcher, matches, width, radius).step()
         motions = motions.then(steps / _scaling(radius)).where(active, motions)
         iterations += active
-        active &= ~(settled & (steps.norm(dim=-1) <= TOLERANCE * extent))
+        length = steps.norm(dim=-1)
+        active &= ~((width <= target) & (length <= TOLERANCE * extent))
         if not active.any():
             break
-    return _State(motions, width, iterations, ~active)
+        # Narrow once the motion has settled at this width: a minority of surfaces may still be on its way.
+        width = torch.where(length <= CALM * extent, SHRINK * width, width)
+    # Nearest neighbours that flip between two answers keep the last steps small, not nil.
+    return _State(motions, iterations, ~active | (length <= CALM * extent))
 
 
 def radius_of(matcher: Matcher) -> torch.Tensor:

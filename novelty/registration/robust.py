@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from novelty.registration.matching import Matcher, Matches
-
-SHRINK = 0.7
-"""By how much c narrows per iteration until it meets the scale of the residuals."""
+from novelty.registration.matching import REACH, Matcher, Matches
 
 WIDTH = 3.0
 """c in robust standard deviations of the residuals."""
@@ -56,13 +53,11 @@ def distance_scale(matcher: Matcher, matches: Matches, groups: int) -> torch.Ten
     return (median / NORMAL_MEDIAN).nan_to_num(torch.inf)
 
 
-def narrow(matcher: Matcher, matches: Matches, width: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """The next width c of the kernel (P,), and whether it has met the scale of the residuals; infinite at first."""
-    groups = len(width)
-    target = WIDTH * distance_scale(matcher, matches, groups)
-    widest = WIDTH * group_quantile(matches.squared.sqrt(), matches.owner, groups, 0.75).nan_to_num(torch.inf)
-    narrowed = torch.maximum(torch.where(width.isinf(), widest, SHRINK * width), target)
-    return narrowed, narrowed <= target
+def widest(matcher: Matcher, matches: Matches, groups: int) -> torch.Tensor:
+    """A width c that lets every match within reach be heard, (P,)."""
+    reach = REACH * (matcher.current.extents[matches.current] + matcher.reference.extents[matches.reference])
+    distances = reach * matches.trace.sqrt()
+    return group_quantile(distances, matches.owner, groups, 0.5).nan_to_num(torch.inf)
 
 
 def loss(squared: torch.Tensor, width: torch.Tensor) -> torch.Tensor:

@@ -37,6 +37,7 @@ class Surfels:
 
     Attributes:
         means: (N, 3), m, relative to the centre of their pair.
+        spreads: (N, 3, 3), m^2, S above.
         shapes: (N, 3, 3), m^2, A above.
         counts: (N,), points of the cell.
         extents: (N,), root-mean-square distance of a cell's points from its mean, m.
@@ -46,6 +47,7 @@ class Surfels:
     """
 
     means: torch.Tensor
+    spreads: torch.Tensor
     shapes: torch.Tensor
     counts: torch.Tensor
     extents: torch.Tensor
@@ -53,21 +55,50 @@ class Surfels:
     owner: torch.Tensor
     sizes: tuple[int, ...]
 
-    def thinned(self, limit: int) -> Surfels:
-        """At most about `limit` surfels of each scan, evenly spaced in scan order."""
-        sizes = torch.tensor(self.sizes)
-        place = torch.arange(len(self.owner)) - (sizes.cumsum(0) - sizes)[self.owner]
-        strides = torch.ceil(sizes / limit).clamp_min(1).long()
-        rows = torch.nonzero(place % strides[self.owner] == 0)[:, 0]
-        return Surfels(
-            means=self.means[rows],
-            shapes=self.shapes[rows],
-            counts=self.counts[rows],
-            extents=self.extents[rows],
-            thickness=self.thickness[rows],
-            owner=self.owner[rows],
-            sizes=tuple(torch.bincount(self.owner[rows], minlength=len(sizes)).tolist()),
+    def merged(self, limit: int) -> Surfels:
+        """Coarser surfels: those of one voxel become one, about `limit` per scan; each counts alike.
+
+        A flat cell of root-mean-square extent r is about 2.4 r wide, and surfaces fill squares of the voxel's side.
+        """
+        groups = len(self.sizes)
+        extent = torch.stack(
+            [
+                part.median() if len(part) else part.new_ones(())
+                for part in self.extents.split(list(self.sizes))
+            ]
         )
+        crowding = (torch.tensor(self.sizes) / limit).clamp_min(1)
+        side = (2.4 * extent * crowding.sqrt())[self.owner]
+        keys = torch.cat([self.owner[:, None], torch.floor(self.means / side[:, None]).long()], dim=1)
+        voxels, members = torch.unique(keys, dim=0, return_inverse=True)
+
+        def summed(values: torch.Tensor) -> torch.Tensor:
+            return values.new_zeros(len(voxels), *values.shape[1:]).index_add_(0, members, values)
+
+        counts = summed(self.counts)
+        means = summed(self.counts[:, None] * self.means) / counts[:, None]
+        apart = self.means - means[members]
+        second = self.spreads + apart[:, :, None] * apart[:, None, :]
+        spreads = summed(self.counts[:, None, None] * second) / counts[:, None, None]
+        return make_surfels(means, spreads, torch.ones_like(counts), voxels[:, 0], groups)
+
+
+def make_surfels(
+    means: torch.Tensor, spreads: torch.Tensor, counts: torch.Tensor, owner: torch.Tensor, groups: int
+) -> Surfels:
+    """Surfels from moments of the cells of `groups` scans; every spread has a positive trace."""
+    variance = spreads.diagonal(dim1=1, dim2=2).sum(-1)
+    shapes = _shapes(spreads, variance)
+    return Surfels(
+        means=means,
+        spreads=spreads,
+        shapes=shapes,
+        counts=counts,
+        extents=variance.sqrt(),
+        thickness=information_trace(shapes).rsqrt(),
+        owner=owner,
+        sizes=tuple(torch.bincount(owner, minlength=groups).tolist()),
+    )
 
 
 def centres_of(points: torch.Tensor, sizes: Sequence[int]) -> torch.Tensor:
@@ -89,17 +120,9 @@ def surfels_of(cells: PointClouds, centres: torch.Tensor) -> Surfels:
     owner = torch.repeat_interleave(torch.arange(len(sizes)), sizes)
     variance = cells.spreads.diagonal(dim1=1, dim2=2).sum(-1)  # (N,)
     solid = torch.nonzero((cells.weights >= MIN_POINTS) & (variance > 0))[:, 0]
-    owner, variance = owner[solid], variance[solid]
-    shapes = _shapes(cells.spreads[solid], variance)
-    return Surfels(
-        means=cells.points[solid] - centres[owner],
-        shapes=shapes,
-        counts=cells.weights[solid],
-        extents=variance.sqrt(),
-        thickness=information_trace(shapes).rsqrt(),
-        owner=owner,
-        sizes=tuple(torch.bincount(owner, minlength=len(sizes)).tolist()),
-    )
+    owner = owner[solid]
+    means = cells.points[solid] - centres[owner]
+    return make_surfels(means, cells.spreads[solid], cells.weights[solid], owner, len(sizes))
 
 
 def _shapes(spreads: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
