@@ -47,5 +47,5 @@ def _as_rich(table: ReportTable, leave_out: tuple[str, ...]) -> Table:
     for row in table.rows[:MAX_ROWS]:
         shown.add_row(*(escape(row.cells[place]) for place in kept))
     if len(table.rows) > MAX_ROWS:
-        shown.caption = f"and {len(table.rows) - MAX_ROWS} more"
+        shown.caption = f"and {len(table.rows) - MAX_ROWS} smaller ones"
     return shown

@@ -31,6 +31,9 @@ from novelty.report.views import mdl_figure, scan_figure
 from novelty.result import NoveltyResult, ResultStatus
 from novelty.scan import ScanPair
 
+MAX_ROWS = 20
+"""Objects that are listed at once; the others are folded away."""
+
 _ASSETS = resources.files("novelty.report") / "assets"
 
 
@@ -84,6 +87,7 @@ def _page(
     scores: Mapping[str, LabelledScores],
     has_mdl: bool,
 ) -> dict[str, Any]:
+    objects = object_table(result, run.unit)
     name = result.name or f"{pair.reference.name or 'reference'} → {pair.current.name or 'current'}"
     return {
         "title": f"{headline(result)} — {name}",
@@ -93,7 +97,8 @@ def _page(
         "facts": _facts(pair, result, run),
         "notes": notes(result),
         "views": _captions(result),
-        "objects": object_table(result, run.unit),
+        "objects": objects.first(MAX_ROWS),
+        "more_objects": objects.after(MAX_ROWS),
         "scores": score_table(scores),
         "has_mdl": has_mdl,
         "components": _component_tables(result, run.unit),

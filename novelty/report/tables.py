@@ -38,11 +38,19 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
 
+    def first(self, count: int) -> Table:
+        """The first rows."""
+        return Table(self.columns, self.rows[:count])
+
+    def after(self, count: int) -> Table:
+        """The rows after the first `count`."""
+        return Table(self.columns, self.rows[count:])
+
 
 def object_table(result: NoveltyResult, unit: str) -> Table:
-    """The objects of both directions, added before removed."""
+    """The objects of both directions, largest first."""
     names = (f"extent [{unit}]", f"centroid [{unit}]", "points", "score", "p-value", "components")
-    objects = [*result.added.objects, *result.removed.objects]
+    objects = sorted([*result.added.objects, *result.removed.objects], key=lambda record: -record.num_points)
     with_p_value = any(not math.isnan(record.p_value) for record in objects)
     columns = tuple(Column(name) for name in names if name != "p-value" or with_p_value)
     rows = []

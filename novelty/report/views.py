@@ -10,6 +10,7 @@ import base64
 import itertools
 import math
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,9 @@ Figure = dict[str, Any]
 
 SIGMAS = 1.5
 """Semi-axes of the ellipsoids in standard deviations, as in the paper's figures."""
+
+MAX_BOXES = 50
+"""Objects drawn with their box at most, the largest first."""
 
 ADDED, REMOVED = "#e8590c", "#2b7de9"
 PALETTE = ("#8ecae6", "#b7c9a8", "#d8b4d8", "#f2cc8f", "#9fb7d9", "#c9ada7", "#a8dadc", "#cdb4db")
@@ -74,7 +78,7 @@ def scan_figure(scan: Scan, change: Change, kind: str, frame: Frame, unit: str) 
     traces = [
         *_point_traces(points, change, kind, colour, frame),
         *(_ellipsoid(record, kind, colour, frame) for record in change.components),
-        *(_box(record, colour, frame) for record in change.objects),
+        *_boxes(change.objects, kind, colour, frame),
     ]
     layout = {
         "scene": frame.layout(unit),
@@ -185,23 +189,33 @@ def _ellipsoid(record: ComponentRecord, kind: str, colour: str, frame: Frame) ->
     }
 
 
-def _box(record: ObjectRecord, colour: str, frame: Frame) -> dict[str, Any]:
+def _boxes(records: Sequence[ObjectRecord], kind: str, colour: str, frame: Frame) -> list[dict[str, Any]]:
+    if not records:
+        return []
+    outlines = [_outline(record) - frame.shift for record in records[:MAX_BOXES]]
+    numbers = np.repeat([record.index for record in records[:MAX_BOXES]], len(outlines[0]))
+    return [
+        {
+            "type": "scatter3d",
+            "mode": "lines",
+            **_xyz(np.concatenate(outlines)),
+            "customdata": _packed(numbers, "i4"),
+            "line": {"color": colour, "width": 3},
+            "name": "object boxes",
+            "legendgroup": "object boxes",
+            "hovertemplate": f"object: {kind} %{{customdata}}<extra></extra>",
+            "meta": {"layer": "objects"},
+        }
+    ]
+
+
+def _outline(record: ObjectRecord) -> NDArray[np.float64]:
+    """The twelve edges of an object's box, (36, 3): two corners and a gap each."""
     signs = np.array(list(itertools.product((-1, 1), repeat=3)))
-    corners = record.center + (signs * record.extent / 2) @ record.rotation.T - frame.shift
+    corners = record.center + (signs * record.extent / 2) @ record.rotation.T
     edges = [(a, b) for a, b in itertools.combinations(range(8), 2) if (signs[a] != signs[b]).sum() == 1]
     gap = np.full(3, np.nan)
-    outline = np.array([row for a, b in edges for row in (corners[a], corners[b], gap)])
-    return {
-        "type": "scatter3d",
-        "mode": "lines",
-        **_xyz(outline),
-        "line": {"color": colour, "width": 3},
-        "name": "object boxes",
-        "legendgroup": "object boxes",
-        "hovertemplate": f"<b>object {record.index}, {record.kind}</b><br>"
-        f"{record.num_points} points, score {record.score:.3g}<extra></extra>",
-        "meta": {"layer": "objects"},
-    }
+    return np.array([row for a, b in edges for row in (corners[a], corners[b], gap)])
 
 
 def _one_legend_entry_per_group(traces: list[dict[str, Any]]) -> list[dict[str, Any]]:

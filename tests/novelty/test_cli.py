@@ -9,13 +9,13 @@ from novelty.cli import main
 from novelty.io import write_ply
 from tests.novelty.report_case import make_pair
 
-QUICK = ("--max-components", "5")
+QUICK = ("--max-components", "8")
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scans")
-    pair = make_pair(num_points=1000)
+    pair = make_pair(num_points=2000)
     write_ply(folder / "before.ply", pair.reference.points, label=pair.reference.labels)
     write_ply(folder / "after.ply", pair.current.points, label=pair.current.labels)
     write_ply(folder / "unlabelled.ply", pair.current.points)
@@ -55,7 +55,7 @@ class TestDetect:
         names = {path.name for path in (tmp_path / "new").iterdir()}
         assert names == {"result.json", "current.ply", "reference.ply", "report.html"}
         record = json.loads((tmp_path / "new" / "result.json").read_text())
-        assert record["settings"]["max_components"] == 5
+        assert record["settings"]["max_components"] == 8
         assert out.startswith(record["answer"])
         assert set(record["scores"]) == {"added", "removed"}
         assert "report.html" in out
