@@ -1,5 +1,9 @@
 """Batched Gaussian mixtures for point clouds: EM, and the model order by minimum description length."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from gmmtorch.clouds import PointClouds
 from gmmtorch.criteria import CRITERIA
 from gmmtorch.em import EMResult, fit_em
@@ -7,6 +11,9 @@ from gmmtorch.errors import ArgumentError, GmmError, SerializationError, ShapeEr
 from gmmtorch.initializers import INITIALIZERS
 from gmmtorch.mixtures import GaussianMixtures
 from gmmtorch.reduction import FitResult, description_length, fit_mdl
+
+if TYPE_CHECKING:
+    from gmmtorch.estimator import MDLGaussianMixture
 
 __all__ = [
     "CRITERIA",
@@ -16,6 +23,7 @@ __all__ = [
     "FitResult",
     "GaussianMixtures",
     "GmmError",
+    "MDLGaussianMixture",
     "PointClouds",
     "SerializationError",
     "ShapeError",
@@ -24,3 +32,16 @@ __all__ = [
     "fit_em",
     "fit_mdl",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "MDLGaussianMixture":  # on first use: scikit-learn takes as long to import as everything else
+        from gmmtorch.estimator import MDLGaussianMixture
+
+        globals()[name] = MDLGaussianMixture
+        return MDLGaussianMixture
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
