@@ -16,7 +16,7 @@ from novelty.registration.surfels import Surfels
 SCALES = (8.0, 8.0, 4.0, 4.0, 4.0)
 """Search radius of each round, in typical extents of a reference cell; the kernel narrows from round to round."""
 
-SETTLED = 50 * TOLERANCE
+SETTLED = 10 * TOLERANCE
 """Motion of the last round, in typical extents, below which the rounds have converged."""
 
 
@@ -75,7 +75,9 @@ def _refine(
     found = registration.registration_generalized_icp(
         current, reference, reach, start.numpy(), estimation, criteria
     )
-    return torch.tensor(found.transformation, dtype=torch.float64)
+    refined = torch.tensor(found.transformation, dtype=torch.float64)
+    # With too few matches Open3D's solver fails and answers NaN: stay, to be judged from where it stopped.
+    return refined if refined.isfinite().all() else start
 
 
 def _largest_motion(surfels: Surfels, before: Motions, after: Motions) -> torch.Tensor:

@@ -33,7 +33,7 @@ SHRINK = 0.6
 CALM = 0.05
 """A step below this share of a typical surfel's extent has settled enough to narrow c."""
 
-TOLERANCE = 2e-3
+TOLERANCE = 0.01
 """A step below this share of a typical cell's extent is none."""
 
 
@@ -120,7 +120,8 @@ def _descend(matcher: Matcher, state: _State, width: torch.Tensor | None, max_it
     active, length = torch.ones(pairs, dtype=torch.bool), extent.new_full((pairs,), torch.inf)
     for _ in range(max_iterations):
         matches = matcher.match(motions)
-        target = WIDTH * distance_scale(matcher, matches, pairs)
+        # Nothing within reach: nothing is heard, and nothing moves.
+        target = WIDTH * distance_scale(matcher, matches, pairs).nan_to_num(posinf=0).clamp_min(1e-12)
         width = target if width is None else torch.maximum(width, target)
         steps = normal_equations(matcher, matches, width, radius).step()
         motions = motions.then(steps / _scaling(radius)).where(active, motions)

@@ -57,7 +57,7 @@ def widest(matcher: Matcher, matches: Matches, groups: int) -> torch.Tensor:
     """A width c that lets every match within reach be heard, (P,)."""
     reach = REACH * (matcher.current.extents[matches.current] + matcher.reference.extents[matches.reference])
     distances = reach * matches.trace.sqrt()
-    return group_quantile(distances, matches.owner, groups, 0.5).nan_to_num(torch.inf)
+    return group_quantile(distances, matches.owner, groups, 0.5).nan_to_num(0)
 
 
 def loss(squared: torch.Tensor, width: torch.Tensor) -> torch.Tensor:

@@ -61,26 +61,34 @@ class Surfels:
         A flat cell of root-mean-square extent r is about 2.4 r wide, and surfaces fill squares of the voxel's side.
         """
         groups = len(self.sizes)
-        extent = torch.stack(
-            [
-                part.median() if len(part) else part.new_ones(())
-                for part in self.extents.split(list(self.sizes))
-            ]
-        )
+        medians = [
+            part.median() if len(part) else part.new_ones(()) for part in self.extents.split(list(self.sizes))
+        ]
         crowding = (torch.tensor(self.sizes) / limit).clamp_min(1)
-        side = (2.4 * extent * crowding.sqrt())[self.owner]
-        keys = torch.cat([self.owner[:, None], torch.floor(self.means / side[:, None]).long()], dim=1)
-        voxels, members = torch.unique(keys, dim=0, return_inverse=True)
+        side = (2.4 * torch.stack(medians) * crowding.sqrt())[self.owner]
+        places, members = _voxels(torch.floor(self.means / side[:, None]).long(), self.owner)
+        owner = self.owner.new_zeros(places).index_copy_(0, members, self.owner)
 
         def summed(values: torch.Tensor) -> torch.Tensor:
-            return values.new_zeros(len(voxels), *values.shape[1:]).index_add_(0, members, values)
+            return values.new_zeros(places, *values.shape[1:]).index_add_(0, members, values)
 
         counts = summed(self.counts)
         means = summed(self.counts[:, None] * self.means) / counts[:, None]
         apart = self.means - means[members]
         second = self.spreads + apart[:, :, None] * apart[:, None, :]
         spreads = summed(self.counts[:, None, None] * second) / counts[:, None, None]
-        return make_surfels(means, spreads, torch.ones_like(counts), voxels[:, 0], groups)
+        return make_surfels(means, spreads, torch.ones_like(counts), owner, groups)
+
+
+def _voxels(cells: torch.Tensor, owner: torch.Tensor) -> tuple[int, torch.Tensor]:
+    """Number of different (pair, voxel), and which each of the voxel indices (N, 3) is, (N,)."""
+    key = owner
+    for axis in cells.unbind(1):
+        # Ranks instead of the indices themselves: a far stray point must not make the key overflow.
+        ranks = torch.unique(axis, return_inverse=True)[1]
+        key = key * (len(cells) + 1) + ranks
+        key = torch.unique(key, return_inverse=True)[1]
+    return int(key.max()) + 1 if len(key) else 0, key
 
 
 def make_surfels(
