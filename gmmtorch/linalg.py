@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 __all__ = [
-    "diagonal_positions",
     "log_determinant",
     "num_lifted",
     "pack_symmetric",
@@ -31,27 +30,14 @@ def triangle(dim: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
     return tuple(a for a, _ in pairs), tuple(b for _, b in pairs)
 
 
-def diagonal_positions(dim: int) -> list[int]:
-    """Return where the diagonal lies in the packed upper triangle."""
-    rows, cols = triangle(dim)
-    return [i for i, (a, b) in enumerate(zip(rows, cols, strict=True)) if a == b]
-
-
 def pack_symmetric(matrices: Tensor) -> Tensor:
     """Keep the upper triangle: (..., D, D) -> (..., D (D + 1) / 2)."""
-    dim = matrices.shape[-1]
-    rows, cols = triangle(dim)
-    positions = torch.tensor([a * dim + b for a, b in zip(rows, cols, strict=True)], device=matrices.device)
-    return matrices.flatten(-2).index_select(-1, positions)
+    return matrices.flatten(-2).index_select(-1, _packing(matrices.shape[-1], matrices.device))
 
 
 def unpack_symmetric(packed: Tensor, dim: int) -> Tensor:
     """Fill both triangles: (..., D (D + 1) / 2) -> (..., D, D)."""
-    rows, cols = triangle(dim)
-    place = {(a, b): i for i, (a, b) in enumerate(zip(rows, cols, strict=True))}
-    positions = [place[min(a, b), max(a, b)] for a in range(dim) for b in range(dim)]
-    index = torch.tensor(positions, device=packed.device)
-    return packed.index_select(-1, index).unflatten(-1, (dim, dim))
+    return packed.index_select(-1, _unpacking(dim, packed.device)).unflatten(-1, (dim, dim))
 
 
 def safe_cholesky(matrices: Tensor) -> tuple[Tensor, Tensor]:
@@ -77,3 +63,16 @@ def log_determinant(factor: Tensor) -> Tensor:
 def precision_matrix(factor: Tensor) -> Tensor:
     """S^-1 from the Cholesky factor of S: (..., D, D) -> (..., D, D)."""
     return torch.cholesky_inverse(factor)
+
+
+@lru_cache(maxsize=32)
+def _packing(dim: int, device: torch.device) -> Tensor:
+    """Where each entry of the packed triangle lies in the matrix, on the device once and for all."""
+    return torch.tensor([a * dim + b for a, b in zip(*triangle(dim), strict=True)], device=device)
+
+
+@lru_cache(maxsize=32)
+def _unpacking(dim: int, device: torch.device) -> Tensor:
+    """Where each entry of the matrix lies in the packed triangle."""
+    place = {pair: i for i, pair in enumerate(zip(*triangle(dim), strict=True))}
+    return torch.tensor([place[min(a, b), max(a, b)] for a in range(dim) for b in range(dim)], device=device)

@@ -21,6 +21,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -76,7 +77,7 @@ class Tiles:
             spreads = torch.where(mask, packed, 0.0).transpose(1, 2).contiguous()
         weights = torch.where(real, clouds.weights[source], 0.0)[:, None].to(clouds.dtype)
         features = lift(local, spreads, clouds.dtype)
-        return Tiles(local, spreads, weights, features, centers, owner, counts)
+        return Tiles(local, spreads, weights, features, centers, owner, counts)._never_alone()
 
     def take(self, clouds: Sequence[int]) -> Tiles:
         """Copy the tiles of these clouds (B',), known on the host, in this order."""
@@ -87,20 +88,30 @@ class Tiles:
         counts = tuple(self.counts[b] for b in clouds)
         owner = torch.repeat_interleave(torch.tensor(counts, device=rows.device), output_size=sum(counts))
         spreads = None if self.spreads is None else self.spreads[rows]
-        return Tiles(
-            self.local[rows],
-            spreads,
-            self.weights[rows],
-            self.features[rows],
-            self.centers[rows],
-            owner,
-            counts,
+        weights, features = self.weights[rows], self.features[rows]
+        taken = Tiles(self.local[rows], spreads, weights, features, self.centers[rows], owner, counts)
+        return taken._never_alone()
+
+    def _never_alone(self) -> Tiles:
+        """Add an empty tile to a single one: the BLAS rounds a product of one matrix unlike one of several."""
+        if len(self.owner) != 1:
+            return self
+        tensors = (self.local, self.spreads, self.weights, self.features, self.centers, self.owner)
+        local, spreads, weights, features, centers, owner = (
+            t if t is None else t.repeat(2, *[1] * (t.ndim - 1)) for t in tensors
         )
+        weights[1] = 0.0
+        return Tiles(local, spreads, weights, features, centers, owner, (2,))
 
     @property
     def batch_size(self) -> int:
         """Number of clouds B."""
         return len(self.counts)
+
+    @cached_property
+    def starts(self) -> Tensor:
+        """First tile of every cloud (B,) int64."""
+        return torch.tensor([0, *itertools.accumulate(self.counts[:-1])], device=self.owner.device)
 
 
 @dataclass(frozen=True)
@@ -235,9 +246,12 @@ def _chunks(tiles: Tiles, num_components: int, dtype: torch.dtype) -> list[slice
     """Cut the tiles into runs whose logits fit in the cache."""
     size = torch.finfo(dtype).bits // 8 * TILE * num_components
     budget = _CUDA_CHUNK_BYTES if tiles.features.is_cuda else _CHUNK_BYTES
-    step = max(1, budget // size)
     num_tiles = tiles.owner.shape[0]
-    return [slice(g, min(g + step, num_tiles)) for g in range(0, num_tiles, step)]
+    pieces = max(1, -(-num_tiles // max(2, budget // size)))
+    bounds = [
+        i * num_tiles // pieces for i in range(pieces + 1)
+    ]  # never a piece of one tile, see _never_alone
+    return [slice(*pair) for pair in itertools.pairwise(bounds)]
 
 
 def _of_tile(values: Tensor, tiles: Tiles) -> Tensor:
@@ -292,9 +306,8 @@ def _about_means(moments: Tensor, to_center: Tensor, tiles: Tiles) -> tuple[Tens
 
 def _sum_over_tiles(values: Tensor, tiles: Tiles) -> Tensor:
     """Add up the rows of every cloud, in order: (G, C) -> (B, C)."""
-    starts = torch.tensor([0, *itertools.accumulate(tiles.counts[:-1])], device=values.device)
     rows = torch.arange(values.shape[0], device=values.device)
-    return torch.nn.functional.embedding_bag(rows, values, starts, mode="sum")
+    return torch.nn.functional.embedding_bag(rows, values, tiles.starts, mode="sum")
 
 
 def _tile_sources(clouds: PointClouds, counts: Sequence[int], owner: Tensor) -> tuple[Tensor, Tensor]:
