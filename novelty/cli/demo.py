@@ -30,7 +30,7 @@ def demo(
     with working("Simulating a corridor, twice"):
         pair = demo_pair(seed)
     sizes = f"{pair.reference.num_points:,} and {pair.current.num_points:,} points".replace(",", " ")
-    out.print(f"A furnished corridor, scanned before and after it changed: {sizes}.")
+    out.print(f"A furnished corridor before and after a change: {sizes}.")
     table = score_table("detector")
     answers = []
     for name in _chosen_first(Config().detector, detector_names()):
