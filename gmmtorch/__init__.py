@@ -8,7 +8,9 @@ from gmmtorch.clouds import PointClouds
 from gmmtorch.criteria import CRITERIA
 from gmmtorch.em import EMResult, fit_em
 from gmmtorch.errors import ArgumentError, GmmError, SerializationError, ShapeError, Status
+from gmmtorch.incremental import UpdateResult, update
 from gmmtorch.initializers import INITIALIZERS
+from gmmtorch.mixture_model import MixtureModel
 from gmmtorch.mixtures import GaussianMixtures
 from gmmtorch.reduction import FitResult, description_length, fit_mdl
 
@@ -24,13 +26,16 @@ __all__ = [
     "GaussianMixtures",
     "GmmError",
     "MDLGaussianMixture",
+    "MixtureModel",
     "PointClouds",
     "SerializationError",
     "ShapeError",
     "Status",
+    "UpdateResult",
     "description_length",
     "fit_em",
     "fit_mdl",
+    "update",
 ]
 
 
