@@ -1,8 +1,9 @@
 """Novelty by likelihood: a component is novel when the other scan's mixture does not explain its points.
 
-A cell of points scores s = -log p(cell | other mixture), nats. How large a score may be without any change is
-read off the other scan's own cells: the threshold is a high quantile of their scores, a false-alarm rate and
-not a length. A component is novel when half of its points lie beyond that threshold.
+A cell of points scores s = -log p(cell | reference), nats. How large a score may be without any change is read
+off the reference scan's own cells: the threshold is a high quantile of their scores, a false-alarm rate and not a
+length. Sparse surfaces score high in both scans; so the reference must also give the cell a small share of the
+density that the current scan's own mixture gives it. A component is novel when half of its points meet both.
 """
 
 from __future__ import annotations
@@ -31,10 +32,17 @@ class Likelihood(Detector):
     """A component is novel when the other scan's mixture does not explain its points (beyond the paper)."""
 
     false_alarm_rate: float = Field(
-        1e-3,
+        0.01,
         gt=0,
         lt=1,
         description="Share of the reference scan's own points that its mixture may explain worse than the threshold.",
+    )
+    explained_share: float = Field(
+        0.1,
+        gt=0,
+        lt=1,
+        description="A point is unexplained only where the reference mixture's density is below this share of the "
+        "current mixture's.",
     )
     quorum: float = Field(
         0.5,
@@ -62,32 +70,38 @@ class Likelihood(Detector):
 
     def _judge(self, batch: PreparedPairs, models: Models) -> ComponentNovelty:
         """Judge the current mixtures' components against the reference."""
-        reference, current = models.reference.mixtures, models.current.mixtures
-        explaining = reference
-        if self.resolution_floor == "cell":
-            explaining = replace(
-                reference, covariances=blurred(reference.covariances, cell_resolution(batch))
-            )
-        # How well the reference mixture explains its own cells and those of the current scan.
-        own = -explaining.log_prob(batch.reference.cells)  # (N_reference,)
-        seen = -explaining.log_prob(batch.current.cells)  # (N_current,)
+        reference, current = batch.reference.cells, batch.current.cells
+        explaining = self._floored(models.reference.mixtures, batch)
+        mixtures = models.current.mixtures
+        # How badly the reference mixture explains its own cells, and those of the current scan.
+        own, seen = (
+            -explaining.log_prob(reference),
+            -explaining.log_prob(current),
+        )  # (N_reference,), (N_current,)
         # What a score may be without any change.
-        null = _Null.of(own, batch.reference.cells)
-        threshold = null.quantiles(1 - self.false_alarm_rate)  # (P,)
-        excess = seen - threshold[batch.current.cells.cloud_index]  # (N_current,)
+        null = _Null.of(own, reference)
+        threshold = null.quantiles(1 - self.false_alarm_rate)[current.cloud_index]  # (N_current,)
+        # What the current scan's own mixture would let a score be.
+        expected = -self._floored(mixtures, batch).log_prob(current) - math.log(self.explained_share)
+        excess = seen - torch.maximum(threshold, expected)
         # A component's score: the excess that the quorum of its points reaches.
-        typical = _per_component(excess, batch.current.cells, current, 1 - self.quorum)  # (P, K)
-        novel = typical > 0
-        matches, distances = _best_explanations(batch.current.cells, current, explaining, novel)
+        scores = _per_component(excess, current, mixtures, 1 - self.quorum)  # (P, K)
+        novel = scores > 0
+        matches, distances = _best_explanations(current, mixtures, explaining, novel)
         return ComponentNovelty(
             novel=novel,
-            scores=typical,
+            scores=scores,
             matches=matches,
             distances=distances,
-            reasons=self._reasons(current, typical, matches, distances),
+            reasons=self._reasons(mixtures, scores, matches, distances),
             point_scores=excess[batch.current.cell_of_point],
-            p_values=null.p_values(typical + threshold[:, None]),
+            p_values=null.p_values(_per_component(seen, current, mixtures, 1 - self.quorum)),
         )
+
+    def _floored(self, mixtures: GaussianMixtures, batch: PreparedPairs) -> GaussianMixtures:
+        if self.resolution_floor == "none":
+            return mixtures
+        return replace(mixtures, covariances=blurred(mixtures.covariances, cell_resolution(batch)))
 
     def _reasons(
         self, mixtures: GaussianMixtures, scores: Tensor, matches: Tensor, distances: Tensor
@@ -105,19 +119,19 @@ class Likelihood(Detector):
         )
 
     def _reason(self, score: float, match: int, distance: float) -> str:
-        share = f"{1 - self.false_alarm_rate:.6g}"
         if math.isnan(score):
             return "Claims no points, or there is nothing to compare it with."
         if score > 0:
             return (
-                f"Novel: {self.quorum:.0%} of its points are at least {score:.3g} nats less likely under the other "
-                f"mixture than its own least likely points (quantile {share})."
+                f"Novel: the other mixture explains {self.quorum:.0%} of its points worse, by {score:.3g} nats or "
+                f"more, than {self.false_alarm_rate:.2%} of that scan's own points, and gives them less than "
+                f"{self.explained_share:.0%} of the density they have here."
             )
         if match < 0:
-            return "Its points are as likely under the other mixture as that scan's own."
+            return "The other mixture explains its points."
         return (
-            f"Explained by component {match} of the other mixture, {distance:.3g} m away; {-score:.3g} nats more "
-            f"likely than the threshold (quantile {share} of that scan's own points)."
+            f"Explained by component {match} of the other mixture, {distance:.3g} m away; its points are "
+            f"{-score:.3g} nats from being novel."
         )
 
 

@@ -15,8 +15,15 @@ from novelty.detectors.base import Comparison, ComponentNovelty, Detector
 from novelty.detectors.coupling import fit_coupled
 from novelty.detectors.empty import empty_side_notes
 from novelty.detectors.resolution import blurred, cell_resolution
+from novelty.detectors.scaled_graphs import build_scaled_graphs
 from novelty.fitting import FitPlan, Models, fit_independently
-from novelty.matching import CliqueStatus, Components, build_correspondence_graphs, match_structure
+from novelty.matching import (
+    CliqueStatus,
+    Components,
+    CorrespondenceGraphs,
+    build_correspondence_graphs,
+    match_structure,
+)
 from novelty.preprocess.prepared import PreparedPairs
 from novelty.section import section
 
@@ -31,15 +38,22 @@ class StructuralMatching(Detector):
         "on its own, as in the paper.",
     )
     coupled_iterations: int = Field(
-        1, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
+        5, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
+    )
+    scale: Literal["component", "metre"] = Field(
+        "component",
+        description="Unit of distances between means: the components' own extent, with the relative constraint taken "
+        "relative to the distances it compares, or, as in the paper, metres.",
     )
     node_threshold: float = Field(
         3.5, gt=0, description="U_T: two components may match below this distance (eq. 9)."
     )
     arc_threshold: float = Field(
-        1.0, gt=0, description="U_R: two matches may hold together up to this (eq. 11)."
+        1.0, gt=0, description="U_R: two matches may hold together up to this difference (eq. 11)."
     )
-    length_scale: float = Field(1.0, gt=0, description="Metres that weigh as much as one unit of eq. 10.")
+    length_scale: float = Field(
+        1.0, gt=0, description="Metres that weigh as much as one unit of eq. 10; for the scale `metre` only."
+    )
     resolution_floor: Literal["cell", "none"] = Field(
         "cell", description="Spread added to every component before eq. 10: the size of a cell, or none."
     )
@@ -60,13 +74,7 @@ class StructuralMatching(Detector):
         reference, current = models.reference.mixtures, models.current.mixtures
         resolution = cell_resolution(batch)
         # Nodes (eq. 9) and arcs (eqs. 11-12) of every pair.
-        graphs = build_correspondence_graphs(
-            self._components(current, resolution),
-            self._components(reference, resolution),
-            node_threshold=self.node_threshold,
-            arc_threshold=self.arc_threshold,
-            length_scale=self.length_scale,
-        )
+        graphs = self._graphs(self._components(current, resolution), self._components(reference, resolution))
         # The largest clique: matches that hold together.
         found = match_structure(graphs, self.node_budget)
         # Components outside it are novelties.
@@ -75,6 +83,17 @@ class StructuralMatching(Detector):
         unknown = torch.full_like(resolution, torch.nan)
         return Comparison(
             added, removed, distance=unknown, p_value=unknown, notes=_notes(batch, found.status)
+        )
+
+    def _graphs(self, a: Components, b: Components) -> CorrespondenceGraphs:
+        if self.scale == "component":
+            return build_scaled_graphs(a, b, self.node_threshold, self.arc_threshold)
+        return build_correspondence_graphs(
+            a,
+            b,
+            node_threshold=self.node_threshold,
+            arc_threshold=self.arc_threshold,
+            length_scale=self.length_scale,
         )
 
     def _components(self, mixtures: GaussianMixtures, resolution: Tensor) -> Components:
