@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -43,6 +44,13 @@ class Components:
             means=torch.where(present, means, 0.0),
             covariances=torch.where(present[..., None], covariances, identity),
             factors=torch.where(present[..., None], factors, identity),
+        )
+
+    @staticmethod
+    def concatenate(parts: Sequence[Components]) -> Components:
+        """Join batches of the same shape along B."""
+        return Components(
+            *(torch.cat(tensors) for tensors in zip(*(p._tensors() for p in parts), strict=True))
         )
 
     @property

@@ -18,11 +18,12 @@ from gmmtorch.problem import (
     Problem,
     Tolerance,
     Workload,
+    best_start,
     components_from_mixtures,
     feasible_components,
-    initial_components,
     mixtures_from_components,
     prepare,
+    several_starts,
 )
 from gmmtorch.statistics import Statistics, expectation, log_likelihood
 
@@ -120,7 +121,7 @@ def fit_em(
         tolerance: EM stops when it gains at most so many nats in total; "mdl" is Bouman's
             0.01 (1 + D + D (D + 1) / 2) log(N D), None makes all iterations.
         seed: of the random initialisers.
-        n_init: initialisations of every cloud; the most likely result is kept.
+        n_init: initialisations of every cloud, run as one batch; the most likely result is kept.
         initializer: name of an initialiser of `gmmtorch.INITIALIZERS`.
         min_std: covariance floor as a standard deviation, m.
         relative_floor: covariance floor in units of the cloud's robust extent.
@@ -140,11 +141,9 @@ def fit_em(
     if num_components is None:
         raise ArgumentError("fit_em needs num_components, or initial mixtures to start from")
     held, status = feasible_components(problem, num_components)
-    starts = (initial_components(problem, held, initializer, seed, i) for i in range(n_init))
-    best = run_em(problem.workload, next(starts), max_iterations)
-    for start in starts:
-        state = run_em(problem.workload, start, max_iterations)
-        best = state.where(state.objective > best.objective, best)
+    workload, starts = several_starts(problem, held, initializer, seed, n_init)
+    states = run_em(workload, starts, max_iterations)
+    best = states.take(best_start(-states.objective, n_init))
     return _result(problem, best, status)
 
 
@@ -243,7 +242,7 @@ def final_status(problem: Problem, state: EMState, before: Sequence[Status], mus
 
 def _evaluated(workload: Workload, state: EMState) -> EMState:
     """The state with its log-likelihood in float64, whatever the precision of the iterations."""
-    if workload.tiles.features.dtype == torch.float64:
+    if workload.tiles.dtype == torch.float64:
         return state
     return replace(state, log_likelihood=log_likelihood(workload.tiles, state.components))
 

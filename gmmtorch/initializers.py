@@ -20,8 +20,10 @@ from gmmtorch.normalization import subsample
 
 __all__ = ["INITIALIZERS", "Initializer", "initial_means"]
 
-Initializer = Callable[[PointClouds, Sequence[int], torch.Generator], Tensor]
-"""Means (B, K, D) for the first num_components[b] slots of every normalised cloud; the rest is ignored."""
+Initializer = Callable[[PointClouds, Sequence[int], int, torch.Generator], Tensor]
+"""(clouds, num_components (B,), initialisation number, generator) -> means (B, K, D), in normalised coordinates.
+
+Slots from num_components[b] on are ignored."""
 
 _SEEDING_SAMPLE = 2048
 
@@ -37,17 +39,26 @@ def initial_means(
     if name not in INITIALIZERS:
         raise ArgumentError(f"unknown initializer {name!r}; choose one of {', '.join(sorted(INITIALIZERS))}")
     generator = torch.Generator().manual_seed((seed << 16) + initialization)
-    return INITIALIZERS[name](clouds, num_components, generator)
+    return INITIALIZERS[name](clouds, num_components, initialization, generator)
 
 
-def evenly_spaced(clouds: PointClouds, num_components: Sequence[int], generator: torch.Generator) -> Tensor:
-    """mu_k = y_n, n = floor((k - 1)(N - 1) / (K - 1)) + 1, in scan order (paper, section 2.3)."""
+def evenly_spaced(
+    clouds: PointClouds, num_components: Sequence[int], initialization: int, generator: torch.Generator
+) -> Tensor:
+    """mu_k = y_n, n = floor((k - 1)(N - 1) / (K - 1)) + 1, in scan order (paper, section 2.3).
+
+    There is one such start; initialisations after the first are those of `random_points`.
+    """
+    if initialization > 0:
+        return random_points(clouds, num_components, initialization, generator)
     slots, sizes, counts = _slots(clouds, num_components)
     position = slots * (sizes - 1).clamp_min(0) // (counts - 1).clamp_min(1)
     return _points_at(clouds, position)
 
 
-def random_points(clouds: PointClouds, num_components: Sequence[int], generator: torch.Generator) -> Tensor:
+def random_points(
+    clouds: PointClouds, num_components: Sequence[int], initialization: int, generator: torch.Generator
+) -> Tensor:
     """One point from each of K equal stretches of the scan, so that all are different."""
     slots, sizes, counts = _slots(clouds, num_components)
     jitter = _uniform(slots.numel(), generator).to(clouds.device)
@@ -56,7 +67,7 @@ def random_points(clouds: PointClouds, num_components: Sequence[int], generator:
 
 
 def kmeans_plus_plus(
-    clouds: PointClouds, num_components: Sequence[int], generator: torch.Generator
+    clouds: PointClouds, num_components: Sequence[int], initialization: int, generator: torch.Generator
 ) -> Tensor:
     """Each mean is a point drawn in proportion to its squared distance to the means before it.
 

@@ -7,6 +7,7 @@ far outlier would inflate). Both are read from at most 1 024 points, evenly spac
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -38,6 +39,14 @@ class NormalizedClouds:
     scale: Tensor
     floor: Tensor
     status: tuple[Status, ...]
+
+    def take(self, clouds: Sequence[int]) -> NormalizedClouds:
+        """These clouds (B',), in this order; a cloud may repeat."""
+        rows = torch.tensor(clouds, device=self.scale.device)
+        status = tuple(self.status[b] for b in clouds)
+        return NormalizedClouds(
+            self.clouds.select(clouds), self.center[rows], self.scale[rows], self.floor[rows], status
+        )
 
     @property
     def log_volume(self) -> Tensor:

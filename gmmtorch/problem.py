@@ -24,11 +24,13 @@ __all__ = [
     "Problem",
     "Tolerance",
     "Workload",
+    "best_start",
     "components_from_mixtures",
     "feasible_components",
     "initial_components",
     "mixtures_from_components",
     "prepare",
+    "several_starts",
 ]
 
 CovarianceFloor = Literal["model", "paper"]
@@ -49,6 +51,7 @@ class Workload:
         added: variance that the M-step adds to the covariances (B,): floor^2, but for the paper's floor.
         starved: N_k below which a component is dropped (B,).
         tolerance: gain at which EM stops (B,), nats; None for never.
+        total: total weight N (B,).
     """
 
     tiles: Tiles
@@ -56,15 +59,20 @@ class Workload:
     added: Tensor
     starved: Tensor
     tolerance: Tensor | None
+    total: Tensor
 
     def take(self, clouds: Sequence[int]) -> Workload:
-        """The part that belongs to these clouds (B',), known on the host; copies their points."""
+        """The part that belongs to these clouds (B',), known on the host; a cloud may repeat."""
         if list(clouds) == list(range(self.tiles.batch_size)):
             return self
         rows = torch.tensor(clouds, device=self.floor.device)
-        tolerance = None if self.tolerance is None else self.tolerance[rows]
         return Workload(
-            self.tiles.take(clouds), self.floor[rows], self.added[rows], self.starved[rows], tolerance
+            tiles=self.tiles.take(clouds),
+            floor=self.floor[rows],
+            added=self.added[rows],
+            starved=self.starved[rows],
+            tolerance=None if self.tolerance is None else self.tolerance[rows],
+            total=self.total[rows],
         )
 
 
@@ -75,6 +83,12 @@ class Problem:
     normalized: NormalizedClouds
     workload: Workload
     covariance: Tensor
+
+    def take(self, clouds: Sequence[int]) -> Problem:
+        """The problem of these clouds (B',); the tiles of a cloud that repeats are shared."""
+        rows = torch.tensor([range(len(self.covariance))[b] for b in clouds], device=self.covariance.device)
+        normalized = self.normalized.take(rows.tolist())
+        return Problem(normalized, self.workload.take(rows.tolist()), self.covariance[rows])
 
 
 def prepare(
@@ -102,8 +116,9 @@ def prepare(
         floor, added = torch.zeros_like(floor), (_PAPER_FLOOR * mean_variance).clamp_min(_TINY_FLOOR**2)
     identity = torch.eye(clouds.dim, dtype=torch.float64, device=clouds.device)
     sizes = torch.tensor(normalized.clouds.sizes, device=clouds.device).clamp_min(1)
-    starved = _STARVED * normalized.clouds.total_weights / sizes
-    workload = Workload(tiles, floor, added, starved, _tolerances(normalized.clouds, tolerance))
+    total = normalized.clouds.total_weights
+    starved = _STARVED * total / sizes
+    workload = Workload(tiles, floor, added, starved, _tolerances(normalized.clouds, tolerance), total)
     return Problem(normalized, workload, covariance + added[:, None, None] * identity)
 
 
@@ -163,6 +178,22 @@ def feasible_components(
         for s, h, k in zip(status, held, wanted, strict=True)
     )
     return held, outcome
+
+
+def several_starts(
+    problem: Problem, num_components: Sequence[int], initializer: str, seed: int, n_init: int
+) -> tuple[Workload, Components]:
+    """Several initialisations of every cloud, as a longer batch (n_init B,) over the same points."""
+    starts = [initial_components(problem, num_components, initializer, seed, i) for i in range(n_init)]
+    clouds = list(range(len(num_components))) * n_init
+    return problem.workload.take(clouds), Components.concatenate(starts)
+
+
+def best_start(value: Tensor, n_init: int) -> Tensor:
+    """Place of the least value among the initialisations of every cloud, the first of equals: (n_init B,) -> (B,)."""
+    per_start = value.unflatten(0, (n_init, -1))
+    first = (per_start == per_start.amin(0)).int().argmax(0)
+    return first * per_start.shape[1] + torch.arange(per_start.shape[1], device=value.device)
 
 
 def initial_components(

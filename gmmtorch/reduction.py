@@ -23,10 +23,12 @@ from gmmtorch.mixtures import GaussianMixtures
 from gmmtorch.problem import (
     CovarianceFloor,
     Problem,
+    Workload,
+    best_start,
     feasible_components,
-    initial_components,
     mixtures_from_components,
     prepare,
+    several_starts,
 )
 
 __all__ = ["FitResult", "description_length", "fit_mdl"]
@@ -70,13 +72,20 @@ class FitResult:
 
 @dataclass
 class _Search:
-    """What one initialisation has found so far: the best state, and the whole path."""
+    """What the rounds have found so far, in normalised coordinates: the best state, and the whole path."""
 
     best: EMState
     mdl: Tensor  # (B,)
     mdl_path: Tensor  # (B, K_max)
     num_iterations: Tensor  # (B,)
-    path: list[Components] | None
+    path: list[Components]
+
+    def take(self, rows: Tensor) -> _Search:
+        """What was found for these (B',) int64."""
+        path = [c.take(rows) for c in self.path]
+        return _Search(
+            self.best.take(rows), self.mdl[rows], self.mdl_path[rows], self.num_iterations[rows], path
+        )
 
 
 @torch.no_grad()
@@ -92,15 +101,16 @@ def fit_mdl(
     min_std: float | None = None,
     relative_floor: float = 1e-4,
     covariance_floor: CovarianceFloor = "model",
+    members: Sequence[int] | None = None,
     return_path: bool = False,
 ) -> FitResult:
     """Fit a mixture to every cloud and choose its order (Algorithm 1).
 
     Args:
         clouds: the batch.
-        max_components: K_max, one number or one per cloud.
+        max_components: K_max, one number or one per fit.
         seed: of the random initialisers.
-        n_init: initialisations of every cloud; the shortest description is kept.
+        n_init: initialisations of every fit, run as one batch; the shortest description is kept.
         initializer: name of an initialiser of `gmmtorch.INITIALIZERS`.
         criterion: "mdl" (eq. 6), "bic", or "mml" (Figueiredo & Jain 2002).
         max_iterations: M-steps at most at each order; EM stops before when it gains at most
@@ -108,6 +118,8 @@ def fit_mdl(
         min_std: covariance floor as a standard deviation, m.
         relative_floor: covariance floor in units of the cloud's robust extent.
         covariance_floor: "model" or "paper", as in `fit_em`.
+        members: cloud of every fit (B',), for several fits of a cloud, with other K_max, that share its points;
+            by default every cloud is fitted once.
         return_path: also return the mixtures of all orders.
 
     Raises:
@@ -118,15 +130,13 @@ def fit_mdl(
         raise ArgumentError(f"max_iterations and n_init must be >= 1, got {max_iterations} and {n_init}")
     value = criterion_named(criterion)
     problem = prepare(clouds, min_std, relative_floor, covariance_floor, "mdl")
+    if members is not None:
+        problem = problem.take(members)
     held, before = feasible_components(problem, max_components)
-    found: _Search | None = None
-    for i in range(n_init):
-        start = initial_components(problem, held, initializer, seed, i)
-        search = _search(problem, start, held, value, max_iterations, return_path)
-        found = search if found is None else _better(search, found)
-    assert found is not None
+    workload, starts = several_starts(problem, held, initializer, seed, n_init)
+    found = _search(workload, starts, held * n_init, value, max_iterations, return_path)
     longest = max_components if isinstance(max_components, int) else max(max_components)
-    return _result(problem, found, before, longest)
+    return _result(problem, found.take(best_start(found.mdl, n_init)), before, longest)
 
 
 @torch.no_grad()
@@ -139,7 +149,7 @@ def description_length(mixtures: GaussianMixtures, clouds: PointClouds, criterio
 
 
 def _search(
-    problem: Problem,
+    workload: Workload,
     start: Components,
     orders: Sequence[int],
     criterion: Criterion,
@@ -147,25 +157,23 @@ def _search(
     keep_path: bool,
 ) -> _Search:
     """Algorithm 1 from given components, for clouds that start with `orders` (B,) of them."""
-    total, dim = problem.normalized.clouds.total_weights, problem.normalized.clouds.dim
-    volume = total * problem.normalized.log_volume
-    slots = start.weights.shape[1]
+    total, dim, slots = workload.total, start.means.shape[-1], start.weights.shape[1]
     found = _Search(
-        EMState.start(start),
-        torch.full_like(total, torch.inf),
-        total.new_full((len(orders), slots), torch.nan),
-        torch.zeros_like(total, dtype=torch.int64),
-        [start.absent()] * slots if keep_path else None,
+        best=EMState.start(start),
+        mdl=torch.full_like(total, torch.inf),
+        mdl_path=total.new_full((len(orders), slots), torch.nan),
+        num_iterations=torch.zeros_like(total, dtype=torch.int64),
+        path=[start.absent()] * slots if keep_path else [],
     )
     orders, valued, components = list(orders), [False] * len(orders), start
     for order in range(slots, 0, -1):
         # EM_algorithm(k, Y, theta): lines 3 and 10
         members = [b for b, k in enumerate(orders) if k == order and not valued[b]]
         if members:
-            state = run_em(problem.workload, components, max_iterations, members)
+            state = run_em(workload, components, max_iterations, members)
             components = state.components
             orders = components.num_components.tolist()
-            mdl = criterion(state.log_likelihood - volume, components.weights, total, dim)
+            mdl = criterion(state.log_likelihood, components.weights, total, dim)
             _record(found, state, mdl, members, orders)
             valued = [v or b in members for b, v in enumerate(valued)]
         # Resize(theta): lines 8 and 9; a cloud that lost components on the way waits for the round of its order
@@ -190,43 +198,27 @@ def _record(
     found.mdl_path = torch.where(here, mdl[:, None], found.mdl_path)
     found.num_iterations = found.num_iterations + torch.where(fitted, state.num_iterations, 0)
     components = state.components.pad(slots)
-    if found.path is not None:
-        found.path = [components.where(here[:, k], kept) for k, kept in enumerate(found.path)]
+    found.path = [components.where(here[:, k], kept) for k, kept in enumerate(found.path)]
     better = fitted & (mdl < found.mdl)
     found.best = EMState(components, *state.per_cloud()).where(better, found.best)
     found.mdl = torch.where(better, mdl, found.mdl)
 
 
-def _better(new: _Search, old: _Search) -> _Search:
-    """Keep, cloud by cloud, the search that found the shorter description; the old one when equal."""
-    better = new.mdl < old.mdl
-    path = None
-    if new.path is not None and old.path is not None:
-        path = [a.where(better, b) for a, b in zip(new.path, old.path, strict=True)]
-    return _Search(
-        best=new.best.where(better, old.best),
-        mdl=torch.where(better, new.mdl, old.mdl),
-        mdl_path=torch.where(better[:, None], new.mdl_path, old.mdl_path),
-        num_iterations=torch.where(better, new.num_iterations, old.num_iterations),
-        path=path,
-    )
-
-
 def _result(problem: Problem, found: _Search, before: Sequence[Status], longest: int) -> FitResult:
     """Bring what was found back to the caller's units."""
-    total = problem.normalized.clouds.total_weights
+    volume = problem.workload.total * problem.normalized.log_volume
     fitted = found.mdl.isfinite()
     missing = longest - found.mdl_path.shape[1]
     path = None
-    if found.path is not None:
-        padded = [mixtures_from_components(problem, c) for c in found.path]
-        path = (*padded, *[mixtures_from_components(problem, found.path[0].absent())] * missing)
-    log_likelihood = found.best.log_likelihood - total * problem.normalized.log_volume
+    if found.path:
+        reached = [mixtures_from_components(problem, c) for c in found.path]
+        path = (*reached, *[mixtures_from_components(problem, found.path[0].absent())] * missing)
+    mdl_path = found.mdl_path + volume[:, None]
     return FitResult(
         mixtures=mixtures_from_components(problem, found.best.components).trim(),
-        mdl=torch.where(fitted, found.mdl, 0.0),
-        mdl_path=torch.nn.functional.pad(found.mdl_path, (0, missing), value=torch.nan),
-        log_likelihood=torch.where(fitted, log_likelihood, 0.0),
+        mdl=torch.where(fitted, found.mdl + volume, 0.0),
+        mdl_path=torch.nn.functional.pad(mdl_path, (0, missing), value=torch.nan),
+        log_likelihood=torch.where(fitted, found.best.log_likelihood - volume, 0.0),
         status=final_status(problem, found.best, before, True),
         num_iterations=found.num_iterations,
         path=path,

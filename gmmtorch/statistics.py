@@ -40,17 +40,15 @@ _CLAMP = -60.0  # exp of much less gives denormal numbers, which are 10 times sl
 
 
 @dataclass(frozen=True)
-class Tiles:
-    """The points of a batch, in the layout of the kernel.
+class Storage:
+    """The points of all clouds, tile after tile.
 
     Attributes:
-        local: coordinates relative to the tile's centre (G, D, T) float64.
-        spreads: packed spreads of cells (G, D (D + 1) / 2, T) float64, or None.
-        weights: point weights, 0 for padding (G, 1, T) in the arithmetic's dtype.
-        features: phi of every point (G, F, T) in the arithmetic's dtype.
-        centers: tile centres (G, D) float64.
-        owner: cloud of every tile (G,) int64.
-        counts: tiles of every cloud (B,), on the host.
+        local: coordinates relative to the tile's centre (S, D, T) float64.
+        spreads: packed spreads of cells (S, D (D + 1) / 2, T) float64, or None.
+        weights: point weights, 0 for padding (S, 1, T) in the arithmetic's dtype.
+        features: phi of every point (S, F, T) in the arithmetic's dtype.
+        centers: tile centres (S, D) float64.
     """
 
     local: Tensor
@@ -58,15 +56,29 @@ class Tiles:
     weights: Tensor
     features: Tensor
     centers: Tensor
-    owner: Tensor
+
+    def take(self, rows: Tensor) -> Storage:
+        """Copy these tiles (S',) int64."""
+        spreads = None if self.spreads is None else self.spreads[rows]
+        return Storage(self.local[rows], spreads, self.weights[rows], self.features[rows], self.centers[rows])
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """A batch of clouds as G tiles: cloud b is counts[b] tiles of the storage, from first[b] on.
+
+    A cloud may stand in the batch several times, with as many mixtures, without its points being copied.
+    """
+
+    storage: Storage
+    first: tuple[int, ...]
     counts: tuple[int, ...]
 
     @staticmethod
     def build(clouds: PointClouds) -> Tiles:
         """Sort, cut and lift a batch of normalised clouds."""
         counts = tuple(-(-n // TILE) for n in clouds.sizes)
-        owner = torch.repeat_interleave(torch.tensor(counts, device=clouds.device), output_size=sum(counts))
-        source, real = _tile_sources(clouds, counts, owner)
+        source, real = _tile_sources(clouds, counts)
         points = clouds.points[source]  # (G, T, D)
         mask = real[..., None]
         centers = torch.where(mask, points, 0.0).sum(1) / real.sum(1, keepdim=True).clamp_min(1)
@@ -76,42 +88,69 @@ class Tiles:
             packed = linalg.pack_symmetric(clouds.spreads)[source]  # (G, T, D (D + 1) / 2)
             spreads = torch.where(mask, packed, 0.0).transpose(1, 2).contiguous()
         weights = torch.where(real, clouds.weights[source], 0.0)[:, None].to(clouds.dtype)
-        features = lift(local, spreads, clouds.dtype)
-        return Tiles(local, spreads, weights, features, centers, owner, counts)._never_alone()
+        storage = Storage(local, spreads, weights, lift(local, spreads, clouds.dtype), centers)
+        return Tiles(storage, _starts(counts), counts)._without_short_runs()
 
     def take(self, clouds: Sequence[int]) -> Tiles:
-        """Copy the tiles of these clouds (B',), known on the host, in this order."""
-        starts = [0]
-        for count in self.counts:
-            starts.append(starts[-1] + count)
-        rows = torch.cat([torch.arange(starts[b], starts[b + 1]) for b in clouds]).to(self.owner.device)
-        counts = tuple(self.counts[b] for b in clouds)
-        owner = torch.repeat_interleave(torch.tensor(counts, device=rows.device), output_size=sum(counts))
-        spreads = None if self.spreads is None else self.spreads[rows]
-        weights, features = self.weights[rows], self.features[rows]
-        taken = Tiles(self.local[rows], spreads, weights, features, self.centers[rows], owner, counts)
-        return taken._never_alone()
-
-    def _never_alone(self) -> Tiles:
-        """Add an empty tile to a single one: the BLAS rounds a product of one matrix unlike one of several."""
-        if len(self.owner) != 1:
-            return self
-        tensors = (self.local, self.spreads, self.weights, self.features, self.centers, self.owner)
-        local, spreads, weights, features, centers, owner = (
-            t if t is None else t.repeat(2, *[1] * (t.ndim - 1)) for t in tensors
+        """The batch of these clouds (B',), known on the host, in this order; a cloud may repeat."""
+        picked = Tiles(
+            self.storage, tuple(self.first[b] for b in clouds), tuple(self.counts[b] for b in clouds)
         )
-        weights[1] = 0.0
-        return Tiles(local, spreads, weights, features, centers, owner, (2,))
+        return picked._without_short_runs()
 
     @property
     def batch_size(self) -> int:
         """Number of clouds B."""
         return len(self.counts)
 
+    @property
+    def dtype(self) -> torch.dtype:
+        """Precision of the arithmetic."""
+        return self.storage.features.dtype
+
+    @cached_property
+    def owner(self) -> Tensor:
+        """Cloud of every tile (G,) int64."""
+        return _owners(self.counts, self.storage.centers.device)
+
     @cached_property
     def starts(self) -> Tensor:
         """First tile of every cloud (B,) int64."""
-        return torch.tensor([0, *itertools.accumulate(self.counts[:-1])], device=self.owner.device)
+        return torch.tensor(_starts(self.counts), device=self.storage.centers.device)
+
+    @cached_property
+    def centers(self) -> Tensor:
+        """Tile centres (G, D) float64."""
+        parts = [self.storage.centers[start : start + length] for _, start, length in self.runs]
+        return torch.cat(parts) if parts else self.storage.centers[:0]
+
+    @cached_property
+    def runs(self) -> tuple[tuple[int, int, int], ...]:
+        """Stretches of tiles that lie one after the other in the storage: (tile, place in the storage, length)."""
+        runs: list[tuple[int, int, int]] = []
+        for tile, start, length in zip(_starts(self.counts), self.first, self.counts, strict=True):
+            if length and runs and runs[-1][1] + runs[-1][2] == start:
+                runs[-1] = (*runs[-1][:2], runs[-1][2] + length)
+            elif length:
+                runs.append((tile, start, length))
+        return tuple(runs)
+
+    def _without_short_runs(self) -> Tiles:
+        """Copy the tiles one after the other where a run has just one, and add an empty tile to a single one.
+
+        The BLAS rounds a product of one matrix unlike one of several; without such products, the result of a cloud
+        does not depend on the others, to the last bit.
+        """
+        if all(length > 1 for _, _, length in self.runs):
+            return self
+        device = self.storage.centers.device
+        rows = torch.cat([torch.arange(start, start + length) for _, start, length in self.runs]).to(device)
+        if len(rows) > 1:
+            return Tiles(self.storage.take(rows), _starts(self.counts), self.counts)
+        storage = self.storage.take(rows.expand(2))
+        storage.weights[1] = 0.0
+        counts = tuple(2 * count for count in self.counts)
+        return Tiles(storage, _starts(counts), counts)
 
 
 @dataclass(frozen=True)
@@ -153,7 +192,7 @@ def expectation(tiles: Tiles, components: Components, floor: Tensor) -> Statisti
         components: the mixtures, in the same coordinates.
         floor: standard deviation delta that belongs to every point (B,).
     """
-    dtype = tiles.features.dtype
+    dtype = tiles.dtype
     precisions = components.precisions  # (B, K, D, D)
     slack = 0.5 * floor[:, None].square() * precisions.diagonal(dim1=-2, dim2=-1).sum(-1)  # (B, K)
     slack = torch.where(components.weights > 0, slack, 0.0)
@@ -162,15 +201,15 @@ def expectation(tiles: Tiles, components: Components, floor: Tensor) -> Statisti
     # Row 0 sums the responsibilities; row 1 sums them without the floor's share of the exponent.
     sums = torch.stack([torch.zeros_like(slack), slack.clamp_max(_LARGEST_SLACK)], 1).exp().to(dtype)
     moments, values = _pass_over_points(tiles, eta, _of_tile(sums, tiles))
-    per_tile = torch.bmm(values, tiles.weights.transpose(1, 2)).squeeze(-1)  # (G, 2)
-    totals = _sum_over_tiles(per_tile.double(), tiles)  # (B, 2)
+    totals = _sum_over_tiles(values.squeeze(-1).double(), tiles)  # (B, 2)
     counts, first, second = _about_means(moments.double(), to_center, tiles)
     return Statistics(counts, first, second, components.means, totals[:, 0], totals[:, 1])
 
 
 def total_covariance(tiles: Tiles) -> Tensor:
-    """Covariance of every whole cloud, spreads included (B, D, D) float64; 0 for a cloud without points."""
-    moments = torch.bmm(tiles.features, tiles.weights.transpose(1, 2)).double()  # (G, F, 1)
+    """Covariance of every whole cloud of a batch just built (B, D, D) float64, spreads included."""
+    storage = tiles.storage
+    moments = torch.bmm(storage.features, storage.weights.transpose(1, 2)).double()  # (G, F, 1)
     counts, first, second = _about_means(moments, tiles.centers[..., None], tiles)
     counts = torch.where(counts > 0, counts, 1.0)[..., None]  # (B, 1, 1)
     mean = first / counts
@@ -186,27 +225,24 @@ def _pass_over_points(tiles: Tiles, eta: Tensor, sums: Tensor) -> tuple[Tensor, 
         sums: rows of factors by which the likelihoods are added up (G, 2, K); the first is all ones.
 
     Returns:
-        Moments sum_n w_n r_nk phi_n (G, F, K) and logarithms of the sums of likelihoods (G, 2, T), nats.
+        Moments sum_n w_n r_nk phi_n (G, F, K), and sum_n w_n log of the sums of likelihoods (G, 2, 1), nats.
     """
     num_tiles, num_features, num_components = eta.shape
-    moments = torch.empty_like(eta)
-    values = eta.new_empty(num_tiles, 2, TILE)
-    peaks = eta.new_empty(num_tiles, 1, TILE)
+    moments, values = torch.empty_like(eta), eta.new_empty(num_tiles, 2, 1)
     chunks = _chunks(tiles, num_components, eta.dtype)
-    size = max((rows.stop - rows.start for rows in chunks), default=0)
-    likelihood_space = eta.new_empty(size, num_components, TILE)
-    feature_space = eta.new_empty(size, num_features, TILE)
-    for rows in chunks:
-        features, value, peak = tiles.features[rows], values[rows], peaks[rows]
-        likelihoods = likelihood_space[: rows.stop - rows.start]  # (g, K, T)
-        weighted = feature_space[: rows.stop - rows.start]  # (g, F, T)
-        torch.bmm(eta[rows].transpose(1, 2), features, out=likelihoods)
+    size = max((rows.stop - rows.start for rows, _ in chunks), default=0)
+    spaces = [eta.new_empty(size, n, TILE) for n in (num_components, num_features, 2, 1)]
+    for rows, stored in chunks:
+        likelihoods, weighted, totals, peak = (space[: rows.stop - rows.start] for space in spaces)
+        features, weights = tiles.storage.features[stored], tiles.storage.weights[stored]
+        torch.bmm(eta[rows].transpose(1, 2), features, out=likelihoods)  # (g, K, T)
         torch.amax(likelihoods, 1, keepdim=True, out=peak)
         _exp_below(likelihoods, peak)
-        torch.bmm(sums[rows], likelihoods, out=value)
-        torch.mul(features, tiles.weights[rows] / value[:, :1], out=weighted)
+        torch.bmm(sums[rows], likelihoods, out=totals)  # (g, 2, T)
+        torch.mul(features, weights / totals[:, :1], out=weighted)  # (g, F, T)
         torch.bmm(weighted, likelihoods.transpose(1, 2), out=moments[rows])
-    return moments, values.log_().add_(peaks)
+        torch.bmm(totals.log_().add_(peak), weights.transpose(1, 2), out=values[rows])
+    return moments, values
 
 
 def _exp_below(logits: Tensor, peak: Tensor) -> Tensor:
@@ -221,12 +257,13 @@ def log_likelihood(tiles: Tiles, components: Components) -> Tensor:
         components.log_scales, components.precisions, to_center, tiles, torch.float64
     )  # (G, F, K)
     per_tile = eta.new_empty(eta.shape[0], 1)
-    for rows in _chunks(tiles, eta.shape[2], torch.float64):
-        spreads = None if tiles.spreads is None else tiles.spreads[rows]
-        logits = torch.bmm(eta[rows].transpose(1, 2), lift(tiles.local[rows], spreads, torch.float64))
+    storage = tiles.storage
+    for rows, stored in _chunks(tiles, eta.shape[2], torch.float64):
+        spreads = None if storage.spreads is None else storage.spreads[stored]
+        logits = torch.bmm(eta[rows].transpose(1, 2), lift(storage.local[stored], spreads, torch.float64))
         peak = logits.amax(1, keepdim=True)
         value = _exp_below(logits, peak).sum(1, keepdim=True).log_().add_(peak)
-        per_tile[rows] = (value * tiles.weights[rows]).sum(-1)
+        per_tile[rows] = (value * storage.weights[stored]).sum(-1)
     return _sum_over_tiles(per_tile, tiles)[:, 0]
 
 
@@ -242,16 +279,27 @@ def lift(local: Tensor, spreads: Tensor | None, dtype: torch.dtype) -> Tensor:
     return features
 
 
-def _chunks(tiles: Tiles, num_components: int, dtype: torch.dtype) -> list[slice]:
-    """Cut the tiles into runs whose logits fit in the cache."""
+def _chunks(tiles: Tiles, num_components: int, dtype: torch.dtype) -> list[tuple[slice, slice]]:
+    """Cut the runs into pieces of at least two tiles whose logits fit in the cache: tiles, places in the storage."""
     size = torch.finfo(dtype).bits // 8 * TILE * num_components
-    budget = _CUDA_CHUNK_BYTES if tiles.features.is_cuda else _CHUNK_BYTES
-    num_tiles = tiles.owner.shape[0]
-    pieces = max(1, -(-num_tiles // max(2, budget // size)))
-    bounds = [
-        i * num_tiles // pieces for i in range(pieces + 1)
-    ]  # never a piece of one tile, see _never_alone
-    return [slice(*pair) for pair in itertools.pairwise(bounds)]
+    budget = _CUDA_CHUNK_BYTES if tiles.storage.features.is_cuda else _CHUNK_BYTES
+    most = max(2, budget // size)
+    chunks = []
+    for tile, start, length in tiles.runs:
+        pieces = max(1, min(-(-length // most), length // 2))
+        for a, b in itertools.pairwise(i * length // pieces for i in range(pieces + 1)):
+            chunks.append((slice(tile + a, tile + b), slice(start + a, start + b)))
+    return chunks
+
+
+def _starts(counts: Sequence[int]) -> tuple[int, ...]:
+    """Running total of the counts before each one."""
+    return tuple(itertools.accumulate(counts, initial=0))[:-1]
+
+
+def _owners(counts: Sequence[int], device: torch.device) -> Tensor:
+    """Index b repeated counts[b] times (G,) int64."""
+    return torch.repeat_interleave(torch.tensor(counts, device=device), output_size=sum(counts))
 
 
 def _of_tile(values: Tensor, tiles: Tiles) -> Tensor:
@@ -310,11 +358,12 @@ def _sum_over_tiles(values: Tensor, tiles: Tiles) -> Tensor:
     return torch.nn.functional.embedding_bag(rows, values, tiles.starts, mode="sum")
 
 
-def _tile_sources(clouds: PointClouds, counts: Sequence[int], owner: Tensor) -> tuple[Tensor, Tensor]:
+def _tile_sources(clouds: PointClouds, counts: Sequence[int]) -> tuple[Tensor, Tensor]:
     """Point that fills each place of each tile (G, T) int64, and whether it is one, not padding (G, T) bool."""
     order = _spatial_order(clouds)
     device = clouds.device
-    first_tile = torch.tensor([0, *counts], device=device).cumsum(0)[owner]
+    owner = _owners(counts, device)
+    first_tile = torch.tensor(_starts(counts), device=device)[owner]
     rank = (torch.arange(owner.shape[0], device=device) - first_tile)[:, None] * TILE
     rank = rank + torch.arange(TILE, device=device)
     sizes = torch.tensor(clouds.sizes, device=device)[owner, None]

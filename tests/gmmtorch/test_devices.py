@@ -13,7 +13,7 @@ from gmmtorch.components import Components
 from gmmtorch.em import EMState, em_step
 from gmmtorch.merging import merge_closest_pair
 from gmmtorch.problem import Workload, initial_components, prepare
-from gmmtorch.statistics import TILE, Tiles, expectation, log_likelihood
+from gmmtorch.statistics import TILE, Storage, Tiles, expectation, log_likelihood
 from tests.helpers import room
 
 SYNCHRONISING = {
@@ -84,11 +84,12 @@ def test_shapes_on_the_meta_device(num_tiles, num_components, dim, dtype):
     def meta(*shape, dtype=torch.float64):
         return torch.empty(*shape, dtype=dtype, device="meta")
 
-    tiles = Tiles(
+    storage = Storage(
         meta(num_tiles, dim, TILE), None, meta(num_tiles, 1, TILE, dtype=dtype),
-        meta(num_tiles, num_features, TILE, dtype=dtype), meta(num_tiles, dim), meta(num_tiles, dtype=torch.int64), counts,
+        meta(num_tiles, num_features, TILE, dtype=dtype), meta(num_tiles, dim),
     )  # fmt: skip
-    work = Workload(tiles, meta(2), meta(2), meta(2), meta(2))
+    tiles = Tiles(storage, (0, counts[0]), counts)
+    work = Workload(tiles, meta(2), meta(2), meta(2), meta(2), meta(2))
     components = Components(
         meta(2, num_components), meta(2, num_components, dim),
         meta(2, num_components, dim, dim), meta(2, num_components, dim, dim),

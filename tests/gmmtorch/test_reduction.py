@@ -217,3 +217,13 @@ def test_bad_options_are_named():
         fit_mdl(clouds, 3, n_init=0)
     with pytest.raises(ArgumentError, match="at least 1"):
         fit_mdl(clouds, 0)
+
+
+def test_several_fits_of_one_cloud_equal_single_ones():
+    clouds = PointClouds.from_list([room(900), room(1500, 1)])
+    members, orders = [1, 0, 1, 1], [3, 8, 5, 10]
+    together = fit_mdl(clouds, orders, members=members, n_init=3, initializer="kmeans++")
+    for i, (b, order) in enumerate(zip(members, orders, strict=True)):
+        alone = fit_mdl(clouds[b], order, n_init=3, initializer="kmeans++")
+        assert torch.equal(alone.mdl[0], together.mdl[i])
+        assert torch.equal(alone.mixtures.means[0], together.mixtures.means[i, : alone.mixtures.num_slots])
