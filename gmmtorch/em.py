@@ -249,8 +249,7 @@ def _evaluated(workload: Workload, state: EMState) -> EMState:
 
 def _result(problem: Problem, state: EMState, status: Sequence[Status]) -> EMResult:
     """Bring a state back to the caller's units."""
-    normalized = problem.normalized
-    volume = normalized.clouds.total_weights * normalized.log_volume
+    volume = problem.workload.volume
     return EMResult(
         mixtures=mixtures_from_components(problem, state.components),
         log_likelihood=state.log_likelihood - volume,

@@ -52,6 +52,7 @@ class Workload:
         starved: N_k below which a component is dropped (B,).
         tolerance: gain at which EM stops (B,), nats; None for never.
         total: total weight N (B,).
+        volume: nats by which log-likelihoods in the caller's units are below those in normalised ones (B,).
     """
 
     tiles: Tiles
@@ -60,6 +61,7 @@ class Workload:
     starved: Tensor
     tolerance: Tensor | None
     total: Tensor
+    volume: Tensor
 
     def take(self, clouds: Sequence[int]) -> Workload:
         """The part that belongs to these clouds (B',), known on the host; a cloud may repeat."""
@@ -73,6 +75,7 @@ class Workload:
             starved=self.starved[rows],
             tolerance=None if self.tolerance is None else self.tolerance[rows],
             total=self.total[rows],
+            volume=self.volume[rows],
         )
 
 
@@ -118,7 +121,15 @@ def prepare(
     sizes = torch.tensor(normalized.clouds.sizes, device=clouds.device).clamp_min(1)
     total = normalized.clouds.total_weights
     starved = _STARVED * total / sizes
-    workload = Workload(tiles, floor, added, starved, _tolerances(normalized.clouds, tolerance), total)
+    workload = Workload(
+        tiles=tiles,
+        floor=floor,
+        added=added,
+        starved=starved,
+        tolerance=_tolerances(normalized.clouds, tolerance),
+        total=total,
+        volume=total * normalized.log_volume,
+    )
     return Problem(normalized, workload, covariance + added[:, None, None] * identity)
 
 

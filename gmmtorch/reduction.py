@@ -31,7 +31,7 @@ from gmmtorch.problem import (
     several_starts,
 )
 
-__all__ = ["FitResult", "description_length", "fit_mdl"]
+__all__ = ["FitResult", "OrderSearch", "description_length", "fit_mdl", "search_orders"]
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ class FitResult:
 
 
 @dataclass
-class _Search:
-    """What the rounds have found so far, in normalised coordinates: the best state, and the whole path."""
+class OrderSearch:
+    """What the rounds have found: mixtures in normalised coordinates, lengths in the caller's units."""
 
     best: EMState
     mdl: Tensor  # (B,)
@@ -80,10 +80,10 @@ class _Search:
     num_iterations: Tensor  # (B,)
     path: list[Components]
 
-    def take(self, rows: Tensor) -> _Search:
+    def take(self, rows: Tensor) -> OrderSearch:
         """What was found for these (B',) int64."""
         path = [c.take(rows) for c in self.path]
-        return _Search(
+        return OrderSearch(
             self.best.take(rows), self.mdl[rows], self.mdl_path[rows], self.num_iterations[rows], path
         )
 
@@ -134,7 +134,7 @@ def fit_mdl(
         problem = problem.take(members)
     held, before = feasible_components(problem, max_components)
     workload, starts = several_starts(problem, held, initializer, seed, n_init)
-    found = _search(workload, starts, held * n_init, value, max_iterations, return_path)
+    found = search_orders(workload, starts, held * n_init, value, max_iterations, return_path)
     longest = max_components if isinstance(max_components, int) else max(max_components)
     return _result(problem, found.take(best_start(found.mdl, n_init)), before, longest)
 
@@ -148,17 +148,17 @@ def description_length(mixtures: GaussianMixtures, clouds: PointClouds, criterio
     return torch.where(mixtures.num_components > 0, value, 0.0)
 
 
-def _search(
+def search_orders(
     workload: Workload,
     start: Components,
     orders: Sequence[int],
     criterion: Criterion,
     max_iterations: int,
     keep_path: bool,
-) -> _Search:
+) -> OrderSearch:
     """Algorithm 1 from given components, for clouds that start with `orders` (B,) of them."""
     total, dim, slots = workload.total, start.means.shape[-1], start.weights.shape[1]
-    found = _Search(
+    found = OrderSearch(
         best=EMState.start(start),
         mdl=torch.full_like(total, torch.inf),
         mdl_path=total.new_full((len(orders), slots), torch.nan),
@@ -173,7 +173,7 @@ def _search(
             state = run_em(workload, components, max_iterations, members)
             components = state.components
             orders = components.num_components.tolist()
-            mdl = criterion(state.log_likelihood, components.weights, total, dim)
+            mdl = criterion(state.log_likelihood - workload.volume, components.weights, total, dim)
             _record(found, state, mdl, members, orders)
             valued = [v or b in members for b, v in enumerate(valued)]
         # Resize(theta): lines 8 and 9; a cloud that lost components on the way waits for the round of its order
@@ -187,7 +187,7 @@ def _search(
 
 
 def _record(
-    found: _Search, state: EMState, mdl: Tensor, members: Sequence[int], orders: Sequence[int]
+    found: OrderSearch, state: EMState, mdl: Tensor, members: Sequence[int], orders: Sequence[int]
 ) -> None:
     """Note the description lengths of a round, and keep the best mixtures (lines 12-16)."""
     slots = found.mdl_path.shape[1]
@@ -204,21 +204,19 @@ def _record(
     found.mdl = torch.where(better, mdl, found.mdl)
 
 
-def _result(problem: Problem, found: _Search, before: Sequence[Status], longest: int) -> FitResult:
+def _result(problem: Problem, found: OrderSearch, before: Sequence[Status], longest: int) -> FitResult:
     """Bring what was found back to the caller's units."""
-    volume = problem.workload.total * problem.normalized.log_volume
     fitted = found.mdl.isfinite()
     missing = longest - found.mdl_path.shape[1]
     path = None
     if found.path:
         reached = [mixtures_from_components(problem, c) for c in found.path]
         path = (*reached, *[mixtures_from_components(problem, found.path[0].absent())] * missing)
-    mdl_path = found.mdl_path + volume[:, None]
     return FitResult(
         mixtures=mixtures_from_components(problem, found.best.components).trim(),
-        mdl=torch.where(fitted, found.mdl + volume, 0.0),
-        mdl_path=torch.nn.functional.pad(mdl_path, (0, missing), value=torch.nan),
-        log_likelihood=torch.where(fitted, found.best.log_likelihood - volume, 0.0),
+        mdl=torch.where(fitted, found.mdl, 0.0),
+        mdl_path=torch.nn.functional.pad(found.mdl_path, (0, missing), value=torch.nan),
+        log_likelihood=torch.where(fitted, found.best.log_likelihood - problem.workload.volume, 0.0),
         status=final_status(problem, found.best, before, True),
         num_iterations=found.num_iterations,
         path=path,

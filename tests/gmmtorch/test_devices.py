@@ -89,7 +89,7 @@ def test_shapes_on_the_meta_device(num_tiles, num_components, dim, dtype):
         meta(num_tiles, num_features, TILE, dtype=dtype), meta(num_tiles, dim),
     )  # fmt: skip
     tiles = Tiles(storage, (0, counts[0]), counts)
-    work = Workload(tiles, meta(2), meta(2), meta(2), meta(2), meta(2))
+    work = Workload(tiles, *(meta(2) for _ in range(6)))
     components = Components(
         meta(2, num_components), meta(2, num_components, dim),
         meta(2, num_components, dim, dim), meta(2, num_components, dim, dim),
