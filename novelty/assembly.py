@@ -12,11 +12,11 @@ import torch
 
 from gmmtorch import FitResult, Status
 from novelty.clusters import novel_clusters
-from novelty.detectors import Comparison, ComponentNovelty
+from novelty.detectors import Comparison, ComponentNovelty, PointNovelty
 from novelty.fitting import Models
 from novelty.objects import group_objects
 from novelty.preprocess import PreparedPairs, PreparedScans, metres_per
-from novelty.registration import RegistrationStatus, Registrations
+from novelty.registration import Registrations
 from novelty.result import Change, ComponentRecord, NoveltyResult, PointState, ResultStatus
 from novelty.scan import Scan, ScanPair
 from novelty.segment import SegmentedPoints
@@ -45,7 +45,7 @@ class _Side:
     kind: str
     scans: PreparedScans
     fits: FitResult
-    novelty: ComponentNovelty
+    novelty: ComponentNovelty | PointNovelty
     points: SegmentedPoints
     groups: torch.Tensor
     back: torch.Tensor
@@ -87,7 +87,7 @@ def _pair_result(
     notes = [
         *_notes("reference", row, removed),
         *_notes("current", row, added),
-        *_registration_notes(row, outcome.registrations),
+        *filter(None, [outcome.registrations.note(row)]),
         *comparison.notes[row],
     ]
     return NoveltyResult(
@@ -117,16 +117,18 @@ def _change(row: int, scan: Scan, side: _Side, metres: float) -> Change:
 
     states = scatter(side.points.states, int(PointState.NOT_EXAMINED))
     point_components = scatter(side.points.components, -1)
+    point_scores = scatter(side.points.scores, np.nan)
     components = _component_records(row, side, metres)
     return Change(
         point_labels=(states == PointState.NOVEL) | (states == PointState.MOVED),
-        point_scores=scatter(side.points.scores, np.nan),
+        point_scores=point_scores,
         point_states=states,
         point_components=point_components,
         components=components,
         objects=group_objects(
             scan.points,
             point_components,
+            point_scores,
             scatter(side.groups, -1),
             components,
             side.points.overlaps[row].numpy(),
@@ -137,6 +139,8 @@ def _change(row: int, scan: Scan, side: _Side, metres: float) -> Change:
 
 def _component_records(row: int, side: _Side, metres: float) -> tuple[ComponentRecord, ...]:
     mixture, novelty = side.fits.mixtures, side.novelty
+    if isinstance(novelty, PointNovelty):
+        return ()
     weights = mixture.weights[row].tolist()
     turn, shift = side.back[row, :3, :3].numpy(), side.back[row, :3, 3].numpy()
     return tuple(
@@ -164,12 +168,6 @@ def _notes(role: str, row: int, side: _Side) -> list[str]:
     if status is not Status.OK:
         notes.append(f"{role} scan: {status.advice}")
     return notes
-
-
-def _registration_notes(row: int, registrations: Registrations) -> list[str]:
-    status = registrations.status_of(row)
-    quiet = (RegistrationStatus.OK, RegistrationStatus.NOT_ASKED, RegistrationStatus.NO_BETTER)
-    return [] if status in quiet else [f"registration: {status.advice}"]
 
 
 def _registration_record(row: int, registrations: Registrations) -> dict[str, Any]:

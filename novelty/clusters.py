@@ -16,12 +16,18 @@ from novelty.preprocess import PreparedScans
 from novelty.result import PointState
 from novelty.segment import Segment, SegmentedPoints
 
-REACH = 3.0
-"""Cells touch when their centres are within this many typical cell extents."""
+REACH = 2.5
+"""Two cells touch when their centres are nearer than this many times the sum of their extents."""
+
+NEIGHBOURS = 12
+"""Nearest cells that a cell may touch; more would only cost time, contact being passed on."""
 
 
 def novel_clusters(scans: PreparedScans, novel: torch.Tensor) -> torch.Tensor:
     """Group the novel points of B scans by contact.
+
+    Contact is judged between cells and scales with their extents, so that a surface stays whole where the sensor's
+    lines lie far apart.
 
     Args:
         scans: The scans.
@@ -30,15 +36,13 @@ def novel_clusters(scans: PreparedScans, novel: torch.Tensor) -> torch.Tensor:
     Returns:
         int64 (N,): number of the group within its scan, from 0 in the order of first appearance; -1 where not novel.
     """
-    reach = REACH * torch.maximum(scans.cell_size, scans.spacing)
+    least = torch.maximum(scans.cell_size, scans.spacing)
     groups = torch.full_like(scans.cell_of_point, -1)
     split = scans.points.split
     packed = (scans.points.points, scans.cell_of_point, novel, groups)
-    for points, cells, members, into, distance in zip(*map(split, packed), reach.tolist(), strict=True):
+    for points, cells, members, into, extent in zip(*map(split, packed), least.tolist(), strict=True):
         if members.any():
-            into[members] = torch.from_numpy(
-                _groups(points[members].numpy(), cells[members].numpy(), distance)
-            )
+            into[members] = torch.from_numpy(_groups(points[members].numpy(), cells[members].numpy(), extent))
     return groups
 
 
@@ -57,17 +61,25 @@ def drop_specks(segmented: SegmentedPoints, scans: PreparedScans, settings: Segm
     return replace(segmented, states=states)
 
 
-def _groups(points: NDArray[np.float64], cells: NDArray[np.int64], reach: float) -> NDArray[np.int64]:
-    _, cell = np.unique(cells, return_inverse=True)
-    count = np.bincount(cell)
-    centre = points.mean(axis=0)
-    sums = np.stack([np.bincount(cell, axis) for axis in (points - centre).T], axis=1)
-    touching = cKDTree(sums / count[:, None]).query_pairs(reach, output_type="ndarray")
-    links = coo_array(
-        (np.ones(len(touching)), (touching[:, 0], touching[:, 1])), shape=(len(count), len(count))
-    )
+def _groups(points: NDArray[np.float64], cells: NDArray[np.int64], least_extent: float) -> NDArray[np.int64]:
+    """Connected groups of points (M, 3) that lie in `cells` (M,), int64 (M,)."""
+    _, cell, count = np.unique(cells, return_inverse=True, return_counts=True)
+    offsets = points - points.mean(axis=0)
+    centres = _sums(cell, offsets) / count[:, None]
+    variances = _sums(cell, (offsets - centres[cell]) ** 2).sum(axis=1) / count
+    extents = np.maximum(np.sqrt(variances), least_extent)  # (C,)
+    neighbours = min(NEIGHBOURS + 1, len(count))
+    distances, others = cKDTree(centres).query(centres, k=[*range(1, neighbours + 1)])
+    touching = distances < REACH * (extents[:, None] + extents[others])
+    rows = np.broadcast_to(np.arange(len(count))[:, None], others.shape)[touching]
+    links = coo_array((np.ones(len(rows)), (rows, others[touching])), shape=(len(count), len(count)))
     _, group_of_cell = connected_components(links, directed=False)
     return _in_order_of_appearance(group_of_cell[cell])
+
+
+def _sums(cell: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sum of the rows of each cell, (M, 3) -> (C, 3)."""
+    return np.stack([np.bincount(cell, column) for column in values.T], axis=1)
 
 
 def _in_order_of_appearance(groups: NDArray[np.int32]) -> NDArray[np.int64]:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field, TypeAdapter, ValidationError, field_validator
 
+from novelty.baselines import M3C2, Baseline, NearestNeighbour, VoxelDifference
 from novelty.detectors import Detector, GreedyEmd, Likelihood, StructuralMatching
 from novelty.errors import ConfigError
 from novelty.fitting import Fit
@@ -42,12 +43,16 @@ class Config:
     greedy_emd: GreedyEmd = Field(default_factory=GreedyEmd)
     structural_matching: StructuralMatching = Field(default_factory=StructuralMatching)
     likelihood: Likelihood = Field(default_factory=Likelihood)
+    nearest_neighbour: NearestNeighbour = Field(default_factory=NearestNeighbour)
+    voxel_difference: VoxelDifference = Field(default_factory=VoxelDifference)
+    m3c2: M3C2 = Field(default_factory=M3C2)
 
     @field_validator("detector")
     @classmethod
     def _known_detector(cls, name: str) -> str:
-        if name not in detector_names():
-            raise ValueError(f"unknown detector {name!r}{_nearest(name, detector_names())}")
+        known = [*detector_names(), *baseline_names()]
+        if name not in known:
+            raise ValueError(f"unknown detector {name!r}{_nearest(name, known)}")
         return name
 
     @property
@@ -94,8 +99,18 @@ class Config:
 
 def detector_names() -> list[str]:
     """Names under which `Config.detector` knows the detectors, in the order of their sections."""
+    baselines = baseline_names()
+    return [name for name in _names_of(Detector) if name not in baselines]
+
+
+def baseline_names() -> list[str]:
+    """Names under which `Config.detector` knows the methods that the detectors are measured against."""
+    return _names_of(Baseline)
+
+
+def _names_of(wanted: type[Detector]) -> list[str]:
     kinds = {name: info.annotation for name, info in section_fields(Config).items()}
-    return [name for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, Detector)]
+    return [name for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, wanted)]
 
 
 def read_yaml_mapping(path: str | Path) -> dict[str, Any]:

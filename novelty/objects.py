@@ -38,6 +38,7 @@ class OrientedBox:
 def group_objects(
     points: NDArray[np.float64],
     point_components: NDArray[np.int64],
+    point_scores: NDArray[np.float64],
     groups: NDArray[np.int64],
     components: Sequence[ComponentRecord],
     overlaps: NDArray[np.float64],
@@ -47,7 +48,8 @@ def group_objects(
 
     Args:
         points: (N, 3) points of the scan as given.
-        point_components: (N,) component of every point, -1 where not examined.
+        point_components: (N,) component of every point, -1 without one.
+        point_scores: (N,) score of every point, NaN where not examined.
         groups: (N,) number of the group of novel points in contact, -1 where not novel; see `novel_clusters`.
         components: Every component of the scan's mixture.
         overlaps: (K, K) shared responsibilities, see `SegmentedPoints.overlaps`.
@@ -58,11 +60,23 @@ def group_objects(
         return ()
     sizes = np.bincount(groups[novel])
     members = [novel[groups[novel] == group] for group in np.argsort(-sizes, kind="stable") if sizes[group]]
-    owners = [np.unique(point_components[member]) for member in members]
+    owners = [_components_of(point_components[member]) for member in members]
     return tuple(
-        _record(index, points[member], owners[index], components, _neighbours(index, owners, overlaps), kind)
+        _record(
+            index,
+            points[member],
+            float(np.median(point_scores[member])),
+            owners[index],
+            components,
+            _neighbours(index, owners, overlaps),
+            kind,
+        )
         for index, member in enumerate(members)
     )
+
+
+def _components_of(point_components: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.unique(point_components[point_components >= 0])
 
 
 def _neighbours(
@@ -72,13 +86,14 @@ def _neighbours(
     return tuple(
         other
         for other, group in enumerate(owners)
-        if other != index and overlaps[np.ix_(own, group)].max() >= ADJACENT
+        if other != index and overlaps[np.ix_(own, group)].max(initial=0.0) >= ADJACENT
     )
 
 
 def _record(
     index: int,
     points: NDArray[np.float64],
+    score: float,
     group: NDArray[np.int64],
     components: Sequence[ComponentRecord],
     neighbours: tuple[int, ...],
@@ -97,6 +112,6 @@ def _record(
         extent=box.extent,
         rotation=box.rotation,
         center=box.center,
-        score=max(record.score for record in own),
+        score=max((record.score for record in own), default=float("nan")),
         p_value=min(1.0, len(p_values) * min(p_values)) if p_values else float("nan"),
     )

@@ -13,15 +13,15 @@ from dataclasses import replace
 from novelty.assembly import PairOutcome, assemble
 from novelty.clusters import drop_specks
 from novelty.config import Config
-from novelty.detectors import ComponentNovelty
+from novelty.detectors import ComponentNovelty, PointNovelty
 from novelty.errors import InputError
 from novelty.fitting import FitPlan, Models
-from novelty.preprocess import PreparedPairs, check_scan, prepare
+from novelty.preprocess import PreparedPairs, check_scan, prepare_pairs
 from novelty.refinement import refine
 from novelty.registration import Registrations, register
 from novelty.result import Change, NoveltyResult, ResultStatus
 from novelty.scan import ScanPair
-from novelty.segment import SegmentedPoints, segment_points
+from novelty.segment import SegmentedPoints, label_points, segment_points
 from novelty.visibility import judge
 
 
@@ -66,7 +66,7 @@ def _detect_usable(pairs: list[ScanPair], config: Config) -> list[NoveltyResult]
 
     # Section 2.2: both scans of every pair, simplified, without outliers and ground.
     with clock.stage("preprocess"):
-        batch = _prepare_pairs(pairs, config)
+        batch = prepare_pairs(pairs, config.preprocess, config.unit)
     # Section 4, future work: the given poses refined, what remains of their error measured.
     with clock.stage("register"):
         registrations = register(batch, config.registration)
@@ -91,28 +91,26 @@ def _detect_usable(pairs: list[ScanPair], config: Config) -> list[NoveltyResult]
 def _segment(
     batch: PreparedPairs,
     models: Models,
-    novelty: ComponentNovelty,
+    novelty: ComponentNovelty | PointNovelty,
     registrations: Registrations,
     config: Config,
 ) -> SegmentedPoints:
-    """Label the points of the current scans: by component, refined, and judged by what the reference could see."""
+    """Label the points of the current scans: by component, refined, and judged by what the reference could see.
+
+    Labels that a baseline gave point by point stay as they are; only visibility judges them, when asked to.
+    """
     scans, others = batch.current, batch.reference
     resolution = batch.resolution(registrations.residual)
+    visible = config.visibility.method != "none" and config.chosen_detector.asks_visibility
+    if isinstance(novelty, PointNovelty):
+        segmented = label_points(scans.points, novelty)
+        return judge(segmented, scans, others, resolution, config.visibility) if visible else segmented
     segmented = segment_points(scans.points, models.current.mixtures, novelty, config.segment)
     if config.refine.method != "none":
         segmented = refine(segmented, scans, others, resolution, config.refine)
-    if config.visibility.method != "none":
+    if visible:
         segmented = judge(segmented, scans, others, resolution, config.visibility)
     return drop_specks(segmented, scans, config.segment)
-
-
-def _prepare_pairs(pairs: list[ScanPair], config: Config) -> PreparedPairs:
-    scans = [pair.reference for pair in pairs] + [pair.current for pair in pairs]
-    prepared = prepare(scans, config.preprocess, config.unit)
-    middle = len(pairs)
-    return PreparedPairs(
-        reference=prepared.select(range(middle)), current=prepared.select(range(middle, 2 * middle))
-    )
 
 
 def _failure(pair: ScanPair) -> str | None:

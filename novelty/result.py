@@ -62,19 +62,19 @@ class ComponentRecord:
 
 @dataclass(frozen=True, eq=False)
 class ObjectRecord:
-    """Neighbouring novel components seen as one object; lengths in the unit of the scan as given.
+    """Novel points in contact, seen as one object; lengths in the unit of the scan as given.
 
     Attributes:
         index: Its place in `Change.objects`.
         kind: `added` or `removed`.
-        components: Rows of its components in the mixture.
+        components: Rows of the components in the mixture that its points belong to.
         neighbours: Other objects that share responsibilities with it (section 2.4.1), by index.
         num_points: Points of the scan that belong to it.
         centroid: (3,).
         extent: (3,) edge lengths of its oriented box, longest first.
         rotation: (3, 3), the columns are the box's axes.
         center: (3,) centre of the box.
-        score: Highest score of its components.
+        score: Highest score of its components, NaN where points were judged without components.
         p_value: Least p-value of its components, NaN where the detector has none.
     """
 
@@ -101,7 +101,7 @@ class Change:
         point_labels: bool (N,), True for the states NOVEL and MOVED.
         point_scores: float64 (N,), higher = more novel; NaN where not examined.
         point_states: uint8 (N,), see `PointState`.
-        point_components: int64 (N,), most probable component, -1 where not examined.
+        point_components: int64 (N,), most probable component, -1 where not examined or judged without components.
         components: All components of the scan's mixture.
         objects: The novel ones, grouped.
     """

@@ -9,7 +9,7 @@ import torch
 from pydantic import Field
 
 from gmmtorch import GaussianMixtures, PointClouds
-from novelty.detectors import ComponentNovelty
+from novelty.detectors import ComponentNovelty, PointNovelty
 from novelty.result import PointState
 from novelty.section import section
 
@@ -27,7 +27,7 @@ class Segment:
         default=0.5, ge=0, lt=1, description="Threshold of the rule `posterior`."
     )
     min_points: int = Field(
-        default=1,
+        default=20,
         ge=1,
         description="Novel points that touch fewer others than this are taken for noise and called unchanged.",
     )
@@ -40,7 +40,7 @@ class SegmentedPoints:
     Attributes:
         states: uint8 (N,), see `PointState`.
         scores: float64 (N,), higher = more novel.
-        components: int64 (N,), argmax_k of the responsibilities.
+        components: int64 (N,), argmax_k of the responsibilities, -1 where points were judged without components.
         overlaps: float64 (B, K, K), sum_n r_nk r_nl / min(sum_n r_nk, sum_n r_nl): what two components share.
         counts: int64 (B, K), points whose most probable component is k.
     """
@@ -76,6 +76,18 @@ def segment_points(
         components=components,
         overlaps=_overlaps(points, responsibilities),
         counts=_counts(owner, components, mixtures),
+    )
+
+
+def label_points(points: PointClouds, novelty: PointNovelty) -> SegmentedPoints:
+    """Take over the labels of a comparison that was made point by point; no point has a component."""
+    none = novelty.scores.new_zeros((len(points), 1))
+    return SegmentedPoints(
+        states=states_of(novelty.novel),
+        scores=novelty.scores,
+        components=torch.full(novelty.novel.shape, -1),
+        overlaps=none[:, :, None],
+        counts=none.long(),
     )
 
 

@@ -1,6 +1,6 @@
 """Detectors: what of one scan has no counterpart in the other."""
 
-from novelty.detectors.base import Comparison, ComponentNovelty, Detector
+from novelty.detectors.base import Comparison, ComponentNovelty, Detector, PointNovelty
 from novelty.detectors.greedy_emd import GreedyEmd
 from novelty.detectors.likelihood import Likelihood
 from novelty.detectors.structural_matching import StructuralMatching
@@ -11,5 +11,6 @@ __all__ = [
     "Detector",
     "GreedyEmd",
     "Likelihood",
+    "PointNovelty",
     "StructuralMatching",
 ]

@@ -40,19 +40,32 @@ class ComponentNovelty:
 
 
 @dataclass(frozen=True, eq=False)
+class PointNovelty:
+    """One direction of a comparison that was made point by point, without a mixture.
+
+    Attributes:
+        novel: bool (N,) over the packed examined points of that scan.
+        scores: float64 (N,), higher = more novel; NaN where there was nothing to compare with.
+    """
+
+    novel: torch.Tensor
+    scores: torch.Tensor
+
+
+@dataclass(frozen=True, eq=False)
 class Comparison:
     """Both directions of a comparison of P pairs.
 
     Attributes:
-        added: The current mixtures' components judged against the reference.
-        removed: The reference mixtures' components judged against the current scan.
+        added: The current mixtures' components, or the current scans' points, judged against the reference.
+        removed: Those of the references judged against the current scan.
         distance: float64 (P,), distance between the two mixtures (eq. 8); NaN where the detector has none.
         p_value: float64 (P,), probability of the evidence if nothing changed; NaN where the detector has none.
         notes: For each pair, what a reader of the result must know (a search not proven maximal, say).
     """
 
-    added: ComponentNovelty
-    removed: ComponentNovelty
+    added: ComponentNovelty | PointNovelty
+    removed: ComponentNovelty | PointNovelty
     distance: torch.Tensor
     p_value: torch.Tensor
     notes: tuple[tuple[str, ...], ...]
@@ -60,6 +73,11 @@ class Comparison:
 
 class Detector(abc.ABC):
     """A detector is a frozen dataclass of its parameters; it keeps no state between calls."""
+
+    @property
+    def asks_visibility(self) -> bool:
+        """Whether what it calls novel is judged by what the other scan could see, where that is configured."""
+        return True
 
     def fit(self, batch: PreparedPairs, plan: FitPlan) -> Models:
         """Fit the mixtures this detector compares; by default every scan on its own."""

@@ -55,26 +55,47 @@ class Plane:
 
 @dataclass(frozen=True)
 class NoGround:
-    """Why no plane of a scan is its ground."""
+    """Why no plane of a scan is its ground; empty when none was looked for."""
 
     reason: str
 
 
-def drop_ground(scan: Survivors, settings: Preprocess, spacing: Spacing) -> Survivors:
+def drop_ground(scan: Survivors, ground: Plane | NoGround) -> Survivors:
     """Take out the ground's points; without a ground, take nothing and say so."""
-    if settings.ground == "none" or len(scan) == 0:
-        return scan
-    ground = find_ground(scan, settings, spacing)
     if isinstance(ground, NoGround):
-        return scan.noted(f"No ground was taken out: {ground.reason}.")
+        return scan.noted(f"No ground was taken out: {ground.reason}.") if ground.reason else scan
     return scan.only(~ground.holds(scan.points), STEP)
+
+
+def agree_on_ground(
+    grounds: tuple[Plane | NoGround, Plane | NoGround], scans: tuple[Survivors, Survivors]
+) -> tuple[Plane | NoGround, Plane | NoGround]:
+    """Grounds of two scans of one place: what one lost and the other kept would look novel.
+
+    Where only one has a ground, its plane serves both if it holds a fair share of the other scan too; otherwise
+    neither loses anything.
+
+    Args:
+        grounds: The ground found in each scan.
+        scans: The two scans, in one frame.
+    """
+    for row in (0, 1):
+        plane, other = grounds[row], scans[1 - row]
+        if isinstance(plane, Plane) and isinstance(grounds[1 - row], NoGround):
+            if len(other) and plane.holds(other.points).mean() >= MIN_SHARE:
+                return plane, plane
+            nowhere = NoGround("only one of the two scans shows it")
+            return nowhere, nowhere
+    return grounds
 
 
 def find_ground(scan: Survivors, settings: Preprocess, spacing: Spacing) -> Plane | NoGround:
     """The ground plane of one scan; the same for the same scan and seed."""
+    if settings.ground == "none" or len(scan) == 0:
+        return NoGround("")
     up = up_vector(settings)
     tolerance = _tolerance(settings, spacing)
-    centre = scan.points.mean(axis=0) if len(scan) else np.zeros(3)
+    centre = scan.points.mean(axis=0)
     points = scan.points - centre
     if not tolerance > 0:
         return NoGround("its points do not span a plane")

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
 from gmmtorch import PointClouds
 from novelty.errors import InputError
 from novelty.preprocess.crop import crop
-from novelty.preprocess.ground import drop_ground
+from novelty.preprocess.ground import NoGround, Plane, agree_on_ground, drop_ground, find_ground
 from novelty.preprocess.missing import drop_missing
 from novelty.preprocess.outliers import drop_outliers
-from novelty.preprocess.prepared import PreparedScans
+from novelty.preprocess.prepared import PreparedPairs, PreparedScans
 from novelty.preprocess.settings import Preprocess
 from novelty.preprocess.simplify import Scale, Simplified, simplify
 from novelty.preprocess.spacing import Spacing, spacing_of
 from novelty.preprocess.survivors import Survivors
 from novelty.preprocess.units import metres_per
-from novelty.scan import Scan
+from novelty.scan import Scan, ScanPair
 
 ADVICE = {
     "not finite": "check the sensor driver or the export",
@@ -32,10 +32,34 @@ ADVICE = {
 
 @dataclass(frozen=True, eq=False)
 class _Examined:
-    """The points of one scan that are examined, and how far apart they are."""
+    """The points of one scan that are examined, how far apart they are, and the ground found under them."""
 
     scan: Survivors
     spacing: Spacing
+    ground: Plane | NoGround
+
+
+def prepare_pairs(pairs: Sequence[ScanPair], settings: Preprocess, unit: str = "m") -> PreparedPairs:
+    """Prepare both scans of every pair; the two scans of a pair agree on the ground.
+
+    Args:
+        pairs: P pairs.
+        settings: What is taken out and how the rest is simplified.
+        unit: Unit of the scans' coordinates: m, cm, mm, in or ft.
+
+    Raises:
+        InputError: There is no pair.
+        ConfigError: The unit or the direction `up` is not valid.
+    """
+    scans = [pair.reference for pair in pairs] + [pair.current for pair in pairs]
+    examined = _examined_scans(scans, settings, unit)
+    middle = len(pairs)
+    agreed = [_agreed(*both) for both in zip(examined[:middle], examined[middle:], strict=True)]
+    examined = [reference for reference, _ in agreed] + [current for _, current in agreed]
+    prepared = _packed(scans, examined, settings)
+    return PreparedPairs(
+        reference=prepared.select(range(middle)), current=prepared.select(range(middle, 2 * middle))
+    )
 
 
 def prepare(scans: Sequence[Scan], settings: Preprocess, unit: str = "m") -> PreparedScans:
@@ -53,10 +77,41 @@ def prepare(scans: Sequence[Scan], settings: Preprocess, unit: str = "m") -> Pre
         InputError: There is no scan.
         ConfigError: The unit or the direction `up` is not valid.
     """
+    return _packed(scans, _examined_scans(scans, settings, unit), settings)
+
+
+def _examined_scans(scans: Sequence[Scan], settings: Preprocess, unit: str) -> list[_Examined]:
     if not scans:
         raise InputError("expected at least one scan to prepare, got an empty list.")
     metres = metres_per(unit)
-    examined = [_examined(Survivors.from_scan(scan, metres), settings) for scan in scans]
+    return [_examined(Survivors.from_scan(scan, metres), settings) for scan in scans]
+
+
+def _examined(scan: Survivors, settings: Preprocess) -> _Examined:
+    # Missing returns.
+    scan = drop_missing(scan)
+    # Range from the sensor, band of heights.
+    scan = crop(scan, settings)
+    # Sparse outliers (Rusu et al. 2008).
+    scan = drop_outliers(scan, settings)
+    # Ground plane (Lai & Fox 2009); it is taken out once it is known whether another scan agrees.
+    spacing = spacing_of(scan.points)
+    return _Examined(scan, spacing, find_ground(scan, settings, spacing))
+
+
+def _agreed(reference: _Examined, current: _Examined) -> tuple[_Examined, _Examined]:
+    grounds = agree_on_ground((reference.ground, current.ground), (reference.scan, current.scan))
+    return replace(reference, ground=grounds[0]), replace(current, ground=grounds[1])
+
+
+def _without_ground(examined: _Examined) -> _Examined:
+    left = drop_ground(examined.scan, examined.ground)
+    spacing = spacing_of(left.points) if len(left) < len(examined.scan) else examined.spacing
+    return replace(examined, scan=_explained(left), spacing=spacing)
+
+
+def _packed(scans: Sequence[Scan], examined: Sequence[_Examined], settings: Preprocess) -> PreparedScans:
+    examined = [_without_ground(part) for part in examined]
     points = PointClouds.from_list([part.scan.points for part in examined])
     simplified = _simplified(points, settings)
     return PreparedScans(
@@ -71,21 +126,6 @@ def prepare(scans: Sequence[Scan], settings: Preprocess, unit: str = "m") -> Pre
         cell_size=_typical_extent(points, simplified),
         notes=tuple(part.scan.notes for part in examined),
     )
-
-
-def _examined(scan: Survivors, settings: Preprocess) -> _Examined:
-    # Missing returns.
-    scan = drop_missing(scan)
-    # Range from the sensor, band of heights.
-    scan = crop(scan, settings)
-    # Sparse outliers (Rusu et al. 2008).
-    scan = drop_outliers(scan, settings)
-    # Ground plane (Lai & Fox 2009).
-    spacing = spacing_of(scan.points)
-    left = drop_ground(scan, settings, spacing)
-    if len(left) < len(scan):
-        spacing = spacing_of(left.points)
-    return _Examined(_explained(left), spacing)
 
 
 def _explained(scan: Survivors) -> Survivors:

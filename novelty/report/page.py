@@ -117,10 +117,15 @@ def _verdict(result: NoveltyResult) -> str:
     return "changed" if result.changed else "same"
 
 
+def _mixtures(result: NoveltyResult) -> str:
+    numbers = [len(change.components) for change in (result.removed, result.added)]
+    return f"mixtures of {numbers[0]} and {numbers[1]} components" if any(numbers) else ""
+
+
 def _facts(pair: ScanPair, result: NoveltyResult, run: Run) -> str:
     parts = [
         f"{pair.reference.num_points:,} and {pair.current.num_points:,} points".replace(",", " "),
-        f"mixtures of {len(result.removed.components)} and {len(result.added.components)} components",
+        _mixtures(result),
         f"detector {run.settings['detector']}",
         evidence(result),
         f"{sum(result.timings.values()):.2f} s",

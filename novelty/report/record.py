@@ -10,7 +10,7 @@ from novelty.environment import machine, versions
 from novelty.evaluation import LabelledScores
 from novelty.report.answer import headline, notes
 from novelty.report.run import Run
-from novelty.result import Change, NoveltyResult
+from novelty.result import Change, NoveltyResult, PointState
 from novelty.scan import Scan, ScanPair
 
 FORMAT = 1
@@ -47,7 +47,7 @@ def _change(scan: Scan, change: Change) -> dict[str, Any]:
     return {
         "scan": scan.name,
         "points": scan.num_points,
-        "points_examined": int((change.point_components >= 0).sum()),
+        "points_examined": int((change.point_states != PointState.NOT_EXAMINED).sum()),
         "points_novel": int(change.point_labels.sum()),
         "objects": [asdict(record) for record in change.objects],
         "components": [asdict(record) for record in change.components],

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from novelty.evaluation import METRICS, LabelledScores
-from novelty.result import Change, NoveltyResult
+from novelty.result import Change, NoveltyResult, PointState
 from novelty.scan import ScanPair
 
 
@@ -123,7 +123,7 @@ def point_table(pair: ScanPair, result: NoveltyResult) -> Table:
     scans = ((pair.reference, result.removed), (pair.current, result.added))
     counts: dict[str, list[int]] = {
         "given": [scan.num_points for scan, _ in scans],
-        "examined": [int((change.point_components >= 0).sum()) for _, change in scans],
+        "examined": [int((change.point_states != PointState.NOT_EXAMINED).sum()) for _, change in scans],
         "novel": [int(change.point_labels.sum()) for _, change in scans],
     }
     details = [result.details.get(scan, {}).get("points_dropped", {}) for scan in ("reference", "current")]

@@ -28,7 +28,7 @@ class Visibility:
         "ended before it, unobserved when none passed; none: every novel point counts.",
     )
     seen_share: float = Field(
-        default=0.25,
+        default=0.5,
         ge=0,
         le=1,
         description="Part of a group's judged points that must have been seen through for the whole group to count.",

@@ -1,0 +1,79 @@
+"""Novelty by M3C2: distance along the surface normal beyond its level of detection (Lague et al. 2013).
+
+The computation is py4dgeo's, an optional dependency.
+"""
+
+from __future__ import annotations
+
+import logging
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from novelty.baselines.base import Baseline
+from novelty.errors import MissingDependencyError
+from novelty.section import section
+
+
+@section
+class M3C2(Baseline):
+    """Points whose distance along the normal is significant at 95 % are novel (baseline, Lague et al. 2013)."""
+
+    normal_radius: float = Field(
+        default=0.15, gt=0, description="Radius of the neighbourhood that gives a point's normal, m."
+    )
+    cylinder_radius: float = Field(
+        default=0.08, gt=0, description="Radius of the cylinder along the normal in which both scans are averaged, m."
+    )
+    max_distance: float = Field(
+        default=0.5,
+        gt=0,
+        description="Half the length of the cylinder, m; a point is novel when the other scan has none in it.",
+    )
+    registration_error: float = Field(
+        default=0.02, ge=0, description="Added to the level of detection, m; it counts 1.96 times."
+    )
+
+    @property
+    def threshold(self) -> float:
+        """The level of detection is part of the score."""
+        return 0.0
+
+    def scores(self, points: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance along the normal minus its level of detection, m (N,); `max_distance` without a counterpart."""
+        py4dgeo = _load_py4dgeo()
+        # A level of detection needs more than one point; py4dgeo fails on an empty cloud only.
+        own, other = py4dgeo.Epoch(points.copy()), py4dgeo.Epoch(others.copy())
+        distances, uncertainties = py4dgeo.M3C2(
+            epochs=(own, other),
+            corepoints=points.copy(),
+            normal_radii=[self.normal_radius],
+            cyl_radius=self.cylinder_radius,
+            max_distance=self.max_distance,
+            registration_error=self.registration_error,
+        ).run()
+        excess = np.abs(distances) - np.nan_to_num(uncertainties["lodetection"])
+        return np.where(np.isnan(distances), self.max_distance, excess)
+
+
+def _load_py4dgeo() -> ModuleType:
+    """Import py4dgeo, without its messages on the terminal and in a file of the working directory.
+
+    Raises:
+        MissingDependencyError: It is not installed.
+    """
+    try:
+        import py4dgeo
+    except (ImportError, OSError) as error:
+        raise MissingDependencyError(
+            f"The baseline m3c2 needs py4dgeo, which cannot be loaded: {error}. "
+            "Run: pip install 'novelty-gmm[baselines]'"
+        ) from error
+    logger = logging.getLogger("py4dgeo")
+    for handler in logger.handlers[:]:
+        logger.removeHandler(handler)
+    logger.addHandler(logging.NullHandler())
+    logger.propagate = False
+    return py4dgeo
