@@ -11,6 +11,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy.spatial import cKDTree
 
 from novelty.baselines.base import Baseline
 from novelty.errors import MissingDependencyError
@@ -22,18 +23,23 @@ class M3C2(Baseline):
     """Points whose distance along the normal is significant at 95 % are novel (baseline, Lague et al. 2013)."""
 
     normal_radius: float = Field(
-        default=0.15, gt=0, description="Radius of the neighbourhood that gives a point's normal, m."
+        default=0.08, gt=0, description="Radius of the neighbourhood that gives a point's normal, m."
     )
     cylinder_radius: float = Field(
-        default=0.08, gt=0, description="Radius of the cylinder along the normal in which both scans are averaged, m."
+        default=0.04, gt=0, description="Radius of the cylinder along the normal in which both scans are averaged, m."
+    )
+    core_spacing: float = Field(
+        default=0.02,
+        gt=0,
+        description="Edge of the voxels of which each gives one core point, m; points follow the nearest core point.",
     )
     max_distance: float = Field(
-        default=0.5,
+        default=0.1,
         gt=0,
         description="Half the length of the cylinder, m; a point is novel when the other scan has none in it.",
     )
     registration_error: float = Field(
-        default=0.02, ge=0, description="Added to the level of detection, m; it counts 1.96 times."
+        default=0.01, ge=0, description="Added to the level of detection, m; it counts 1.96 times."
     )
 
     @property
@@ -44,18 +50,23 @@ class M3C2(Baseline):
     def scores(self, points: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance along the normal minus its level of detection, m (N,); `max_distance` without a counterpart."""
         py4dgeo = _load_py4dgeo()
-        # A level of detection needs more than one point; py4dgeo fails on an empty cloud only.
-        own, other = py4dgeo.Epoch(points.copy()), py4dgeo.Epoch(others.copy())
+        cores = points[self._core_points(points)]
         distances, uncertainties = py4dgeo.M3C2(
-            epochs=(own, other),
-            corepoints=points.copy(),
+            epochs=(py4dgeo.Epoch(points.copy()), py4dgeo.Epoch(others.copy())),
+            corepoints=cores,
             normal_radii=[self.normal_radius],
             cyl_radius=self.cylinder_radius,
             max_distance=self.max_distance,
             registration_error=self.registration_error,
         ).run()
         excess = np.abs(distances) - np.nan_to_num(uncertainties["lodetection"])
-        return np.where(np.isnan(distances), self.max_distance, excess)
+        scores = np.where(np.isnan(distances), self.max_distance, excess)
+        return scores[cKDTree(cores).query(points)[1]]
+
+    def _core_points(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The first point of every voxel, as rows of `points`."""
+        voxels = np.floor(points / self.core_spacing)
+        return np.sort(np.unique(voxels, axis=0, return_index=True)[1])
 
 
 def _load_py4dgeo() -> ModuleType:
