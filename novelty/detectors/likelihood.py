@@ -50,6 +50,11 @@ class Likelihood(Detector):
         le=1,
         description="Share of a component's points that must lie beyond the threshold to make it novel.",
     )
+    min_cells: int = Field(
+        5,
+        ge=1,
+        description="A component of fewer cells is never novel: a few cells that straddle a gap are no evidence.",
+    )
     resolution_floor: Literal["cell", "none"] = Field(
         "cell",
         description="Spread added to every component before points are scored: the size of a cell, since nothing "
@@ -85,7 +90,10 @@ class Likelihood(Detector):
         expected = -self._floored(mixtures, batch).log_prob(current) - math.log(self.explained_share)
         excess = seen - torch.maximum(threshold, expected)
         # A component's score: the excess that the quorum of its points reaches.
-        scores = _per_component(excess, current, mixtures, 1 - self.quorum)  # (P, K)
+        groups = _component_of_cells(current, mixtures)
+        scores = _per_component(excess, current, mixtures, groups, 1 - self.quorum)  # (P, K)
+        enough = _count_per_component(groups, mixtures) >= self.min_cells
+        scores = torch.where(enough, scores, scores.clamp_max(0.0))
         novel = scores > 0
         matches, distances = _best_explanations(current, mixtures, explaining, novel)
         return ComponentNovelty(
@@ -95,7 +103,7 @@ class Likelihood(Detector):
             distances=distances,
             reasons=self._reasons(mixtures, scores, matches, distances),
             point_scores=excess[batch.current.cell_of_point],
-            p_values=null.p_values(_per_component(seen, current, mixtures, 1 - self.quorum)),
+            p_values=null.p_values(_per_component(seen, current, mixtures, groups, 1 - self.quorum)),
         )
 
     def _floored(self, mixtures: GaussianMixtures, batch: PreparedPairs) -> GaussianMixtures:
@@ -166,12 +174,24 @@ class _Null:
         return torch.where(scores.isnan(), torch.nan, torch.stack(rows))
 
 
-def _per_component(values: Tensor, cells: PointClouds, mixtures: GaussianMixtures, level: float) -> Tensor:
+def _component_of_cells(cells: PointClouds, mixtures: GaussianMixtures) -> Tensor:
+    """Place p K + k of the component that claims each cell, -1 where the mixture is empty (N,)."""
+    component = mixtures.assign(cells)
+    return torch.where(component >= 0, cells.cloud_index * mixtures.num_slots + component, -1)
+
+
+def _per_component(
+    values: Tensor, cells: PointClouds, mixtures: GaussianMixtures, groups: Tensor, level: float
+) -> Tensor:
     """Weighted quantile of the values of every component's cells (P, K); NaN where it claims none."""
     P, K = mixtures.weights.shape
-    component = mixtures.assign(cells)
-    groups = torch.where(component >= 0, cells.cloud_index * K + component, -1)
     return weighted_quantiles(values, cells.weights, groups, P * K, level).reshape(P, K)
+
+
+def _count_per_component(groups: Tensor, mixtures: GaussianMixtures) -> Tensor:
+    """Cells that each component claims (P, K)."""
+    P, K = mixtures.weights.shape
+    return torch.bincount(groups[groups >= 0], minlength=P * K).reshape(P, K)
 
 
 def _best_explanations(

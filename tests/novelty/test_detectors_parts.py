@@ -1,0 +1,104 @@
+"""The parts that detectors share, against numpy and closed forms."""
+
+import numpy as np
+import pytest
+import torch
+
+from gmmtorch import GaussianMixtures
+from gmmtorch.distances import covariance_distance
+from novelty.detectors.ground import ground_distances, hellinger_distance
+from novelty.detectors.quantiles import weighted_quantiles
+from novelty.detectors.resolution import blurred
+from novelty.detectors.scaled_graphs import build_scaled_graphs, scaled_mean_distance
+from novelty.matching import Components
+
+
+@pytest.mark.parametrize("level", [0.01, 0.25, 0.5, 0.99, 1.0])
+def test_quantiles_of_groups_equal_numpy(rng, level):
+    values, groups = rng.normal(size=300), rng.integers(0, 5, 300)
+    repeats = rng.integers(1, 4, 300)
+    found = weighted_quantiles(
+        torch.from_numpy(values), torch.from_numpy(repeats).double(), torch.from_numpy(groups), 6, level
+    )
+    for g in range(5):
+        repeated = np.repeat(values[groups == g], repeats[groups == g])
+        assert found[g] == np.quantile(repeated, level, method="inverted_cdf")
+    assert found[5].isnan()
+
+
+def test_quantiles_pass_over_values_without_weight_or_group():
+    values = torch.tensor([5.0, 1.0, 2.0, 3.0, -9.0], dtype=torch.float64)
+    weights = torch.tensor([0.0, 1.0, 1.0, 1.0, 1.0], dtype=torch.float64)
+    groups = torch.tensor([0, 0, 0, 0, -1])
+    assert weighted_quantiles(values, weights, groups, 1, 1.0).tolist() == [3.0]
+    assert weighted_quantiles(values[:0], weights[:0], groups[:0], 2, 0.5).isnan().all()
+
+
+def mixtures(rng, count: int) -> GaussianMixtures:
+    root = rng.normal(size=(1, count, 3, 3))
+    return GaussianMixtures.from_arrays(
+        np.full((1, count), 1 / count),
+        rng.normal(size=(1, count, 3)),
+        root @ root.swapaxes(2, 3) + 0.1 * np.eye(3),
+    )
+
+
+def test_hellinger_distance_equals_its_integral(rng):
+    a, b = mixtures(rng, 2), mixtures(rng, 3)
+    axis = np.linspace(-14, 14, 90)
+    grid = torch.from_numpy(np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3))
+
+    def densities(m):
+        normal = torch.distributions.MultivariateNormal(m.means[0][:, None], m.covariances[0][:, None])
+        return normal.log_prob(grid).exp()  # (K, N)
+
+    roots_a, roots_b = densities(a).sqrt(), densities(b).sqrt()
+    overlap = roots_a @ roots_b.T * (axis[1] - axis[0]) ** 3
+    torch.testing.assert_close(hellinger_distance(a, b)[0].square(), 1 - overlap, atol=2e-3, rtol=0)
+
+
+def test_hellinger_distance_keeps_its_bounds(rng):
+    a = mixtures(rng, 4)
+    far = GaussianMixtures.from_arrays(a.weights, a.means + 1e3, a.covariances)
+    torch.testing.assert_close(hellinger_distance(a, far), torch.ones(1, 4, 4, dtype=torch.float64))
+    itself = hellinger_distance(a, a)
+    assert itself[0].diagonal().max() < 1e-6
+    torch.testing.assert_close(ground_distances("hellinger", a, a, 1.0), itself)
+
+
+def test_blurring_adds_a_variance_per_pair():
+    covariances = torch.zeros(2, 1, 3, 3, dtype=torch.float64)
+    found = blurred(covariances, torch.tensor([0.1, 2.0]))
+    torch.testing.assert_close(found[:, 0, 0, 0], torch.tensor([0.01, 4.0], dtype=torch.float64))
+    assert (found[:, 0, 0, 1] == 0).all()
+
+
+def components(m: GaussianMixtures) -> Components:
+    return Components(m.weights, m.means, m.covariances)
+
+
+def test_scaled_graphs_hold_for_every_pair_of_nodes(rng):
+    a, b = mixtures(rng, 4), mixtures(rng, 5)
+    graphs = build_scaled_graphs(components(a), components(b), 6.0, 1.0)
+    inner = []
+    for side in (components(a), components(b)):
+        inner.append(
+            (scaled_mean_distance(side, side)[0], covariance_distance(side.covariances, side.covariances)[0])
+        )
+    num_nodes = int(graphs.num_nodes[0])
+    assert num_nodes == int((graphs.table < 6.0).sum()) > 5
+    for x in range(num_nodes):
+        for y in range(num_nodes):
+            i, j = (int(graphs.nodes_a[0, n]) for n in (x, y))
+            k, m = (int(graphs.nodes_b[0, n]) for n in (x, y))
+            expected = i != j and k != m
+            for of_a, of_b in zip(*inner, strict=True):
+                first, second = float(of_a[i, j]) ** 2, float(of_b[k, m]) ** 2
+                expected &= abs(first - second) <= 1 + (first + second) / 2
+            assert bool(graphs.adjacency[0, x, y]) == expected
+
+
+def test_scaled_mean_distance_has_no_unit(rng):
+    a, b = components(mixtures(rng, 3)), components(mixtures(rng, 2))
+    tall = [Components(c.weights, 1000 * c.means, 1e6 * c.covariances) for c in (a, b)]
+    torch.testing.assert_close(scaled_mean_distance(*tall), scaled_mean_distance(a, b))
