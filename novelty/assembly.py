@@ -32,6 +32,7 @@ class PairOutcome:
     comparison: Comparison
     added: SegmentedPoints
     removed: SegmentedPoints
+    notes: Sequence[tuple[str, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +90,7 @@ def _pair_result(
         *_notes("current", row, added),
         *filter(None, [outcome.registrations.note(row)]),
         *comparison.notes[row],
+        *outcome.notes[row],
     ]
     return NoveltyResult(
         name=pair.name,

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,7 +15,7 @@ from novelty.assembly import PairOutcome, assemble
 from novelty.clusters import drop_specks
 from novelty.config import Config
 from novelty.detectors import ComponentNovelty, PointNovelty
-from novelty.errors import InputError
+from novelty.errors import InputError, NoveltyError
 from novelty.fitting import FitPlan, Models
 from novelty.preprocess import PreparedPairs, check_scan, prepare_pairs
 from novelty.refinement import refine
@@ -22,7 +23,9 @@ from novelty.registration import Registrations, register
 from novelty.result import Change, NoveltyResult, ResultStatus
 from novelty.scan import ScanPair
 from novelty.segment import SegmentedPoints, label_points, segment_points
-from novelty.visibility import judge
+from novelty.visibility import blind_notes, judge
+
+_log = logging.getLogger(__name__)
 
 
 def detect(pair: ScanPair, config: Config | None = None) -> NoveltyResult:
@@ -38,25 +41,41 @@ def detect(pair: ScanPair, config: Config | None = None) -> NoveltyResult:
     Raises:
         InputError: A scan has no answer: no points, no finite point, or all points identical.
     """
-    result = detect_many([pair], config)[0]
-    if result.status is ResultStatus.FAILED:
-        raise InputError(result.message)
-    return result
+    failure = _failure(pair)
+    if failure is not None:
+        raise InputError(failure)
+    return _detect_usable([pair], config or Config())[0]
 
 
 def detect_many(pairs: Sequence[ScanPair], config: Config | None = None) -> list[NoveltyResult]:
     """Find what is new and what is gone in every pair: the answers of `detect`, computed in one batch.
 
-    A pair whose scans have no answer gets a result of status `failed` in its place; the others are not touched.
+    A pair that has no answer gets a result of status `failed` with the reason in its place; the others are not
+    touched. A batch that breaks is halved until the pair that broke it is alone.
     """
     config = config or Config()
     failures = [_failure(pair) for pair in pairs]
     usable = [pair for pair, failure in zip(pairs, failures, strict=True) if failure is None]
-    results = iter(_detect_usable(usable, config) if usable else [])
+    results = iter(_detect_resiliently(usable, config))
     return [
         next(results) if failure is None else _failed(pair, failure)
         for pair, failure in zip(pairs, failures, strict=True)
     ]
+
+
+def _detect_resiliently(pairs: list[ScanPair], config: Config) -> list[NoveltyResult]:
+    if not pairs:
+        return []
+    try:
+        return _detect_usable(pairs, config)
+    except NoveltyError:
+        raise
+    except Exception as error:
+        if len(pairs) == 1:
+            _log.exception("pair %r", pairs[0].name)
+            return [_failed(pairs[0], f"{type(error).__name__}: {error}")]
+    middle = len(pairs) // 2
+    return _detect_resiliently(pairs[:middle], config) + _detect_resiliently(pairs[middle:], config)
 
 
 def _detect_usable(pairs: list[ScanPair], config: Config) -> list[NoveltyResult]:
@@ -82,7 +101,8 @@ def _detect_usable(pairs: list[ScanPair], config: Config) -> list[NoveltyResult]
         added = _segment(batch, models, comparison.added, registrations, config)
         removed = _segment(batch.exchanged(), models.exchanged(), comparison.removed, registrations, config)
     with clock.stage("objects"):
-        outcome = PairOutcome(batch, registrations, models, comparison, added, removed)
+        notes = blind_notes(batch.reference, batch.current) if _asks_visibility(config) else [()] * len(pairs)
+        outcome = PairOutcome(batch, registrations, models, comparison, added, removed, notes)
         results = assemble(pairs, outcome, config.unit)
     timings = {stage: seconds / len(pairs) for stage, seconds in clock.seconds.items()}
     return [replace(result, timings=timings) for result in results]
@@ -101,7 +121,7 @@ def _segment(
     """
     scans, others = batch.current, batch.reference
     resolution = batch.resolution(registrations.residual)
-    visible = config.visibility.method != "none" and config.chosen_detector.asks_visibility
+    visible = _asks_visibility(config)
     if isinstance(novelty, PointNovelty):
         segmented = label_points(scans.points, novelty)
         return judge(segmented, scans, others, resolution, config.visibility) if visible else segmented
@@ -111,6 +131,10 @@ def _segment(
     if visible:
         segmented = judge(segmented, scans, others, resolution, config.visibility)
     return drop_specks(segmented, scans, config.segment)
+
+
+def _asks_visibility(config: Config) -> bool:
+    return config.visibility.method != "none" and config.chosen_detector.asks_visibility
 
 
 def _failure(pair: ScanPair) -> str | None:

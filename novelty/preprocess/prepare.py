@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from gmmtorch import PointClouds
 from novelty.errors import InputError
@@ -32,9 +34,10 @@ ADVICE = {
 
 @dataclass(frozen=True, eq=False)
 class _Examined:
-    """The points of one scan that are examined, how far apart they are, and the ground found under them."""
+    """The points of one scan that are examined, all its returns, its spacing, and the ground found under it."""
 
     scan: Survivors
+    returns: NDArray[np.float64]
     spacing: Spacing
     ground: Plane | NoGround
 
@@ -90,13 +93,14 @@ def _examined_scans(scans: Sequence[Scan], settings: Preprocess, unit: str) -> l
 def _examined(scan: Survivors, settings: Preprocess) -> _Examined:
     # Missing returns.
     scan = drop_missing(scan)
+    returns = scan.points
     # Range from the sensor, band of heights.
     scan = crop(scan, settings)
     # Sparse outliers (Rusu et al. 2008).
     scan = drop_outliers(scan, settings)
     # Ground plane (Lai & Fox 2009); it is taken out once it is known whether another scan agrees.
     spacing = spacing_of(scan.points)
-    return _Examined(scan, spacing, find_ground(scan, settings, spacing))
+    return _Examined(scan, returns, spacing, find_ground(scan, settings, spacing))
 
 
 def _agreed(reference: _Examined, current: _Examined) -> tuple[_Examined, _Examined]:
@@ -121,6 +125,7 @@ def _packed(scans: Sequence[Scan], examined: Sequence[_Examined], settings: Prep
         kept=tuple(part.scan.kept for part in examined),
         num_given=tuple(scan.num_points for scan in scans),
         origins=tuple(part.scan.origin for part in examined),
+        returns=tuple(part.returns for part in examined),
         dropped=tuple(part.scan.dropped for part in examined),
         spacing=torch.tensor([part.spacing.distance for part in examined], dtype=torch.float64),
         cell_size=_typical_extent(points, simplified),

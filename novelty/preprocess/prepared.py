@@ -25,6 +25,7 @@ class PreparedScans:
         kept: For each scan, int64 (N_b,), the place of its examined points in the scan as given.
         num_given: For each scan, the number of points given.
         origins: For each scan, where the sensor stood, (3,) or (number of points given, 3); None when unknown.
+        returns: For each scan, every finite point given, (M_b, 3) m: what its rays met, examined or not.
         dropped: For each scan, how many points each step took out (`not finite`, `cropped`, `outlier`, `ground`).
         spacing: float64 (B,), typical distance between neighbouring points, m; NaN for an empty cloud.
         cell_size: float64 (B,), typical root-mean-square extent of a cell, m; NaN for an empty cloud.
@@ -37,6 +38,7 @@ class PreparedScans:
     kept: tuple[NDArray[np.int64], ...]
     num_given: tuple[int, ...]
     origins: tuple[NDArray[np.float64] | None, ...]
+    returns: tuple[NDArray[np.float64], ...]
     dropped: tuple[dict[str, int], ...]
     spacing: torch.Tensor
     cell_size: torch.Tensor
@@ -60,6 +62,7 @@ class PreparedScans:
             kept=tuple(self.kept[index] for index in indices),
             num_given=tuple(self.num_given[index] for index in indices),
             origins=tuple(self.origins[index] for index in indices),
+            returns=tuple(self.returns[index] for index in indices),
             dropped=tuple(self.dropped[index] for index in indices),
             spacing=self.spacing[rows],
             cell_size=self.cell_size[rows],
@@ -69,17 +72,20 @@ class PreparedScans:
     def moved(self, transforms: torch.Tensor) -> PreparedScans:
         """The scans in other frames: row b by the rigid motion `transforms[b]`, float64 (B, 4, 4), m."""
         rotations = transforms[:, :3, :3]
-        origins = [
-            None if origin is None else origin @ motion[:3, :3].T + motion[:3, 3]
-            for origin, motion in zip(self.origins, transforms.numpy(), strict=True)
-        ]
+        motions = transforms.numpy()
         turn = rotations[self.cells.cloud_index]
         spreads = None if self.cells.spreads is None else turn @ self.cells.spreads @ turn.mT
         return replace(
             self,
             cells=replace(self.cells, points=_moved(self.cells, transforms), spreads=spreads),
             points=replace(self.points, points=_moved(self.points, transforms)),
-            origins=tuple(origins),
+            origins=tuple(
+                None if origin is None else _apply(motion, origin)
+                for origin, motion in zip(self.origins, motions, strict=True)
+            ),
+            returns=tuple(
+                _apply(motion, points) for points, motion in zip(self.returns, motions, strict=True)
+            ),
         )
 
 
@@ -119,3 +125,8 @@ def _starts(clouds: PointClouds) -> torch.Tensor:
 def _moved(clouds: PointClouds, transforms: torch.Tensor) -> torch.Tensor:
     motion = transforms[clouds.cloud_index]  # (N, 4, 4)
     return (motion[:, :3, :3] @ clouds.points[:, :, None])[:, :, 0] + motion[:, :3, 3]
+
+
+def _apply(motion: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (..., 3) after the rigid motion (4, 4)."""
+    return points @ motion[:3, :3].T + motion[:3, 3]

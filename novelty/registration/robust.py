@@ -50,7 +50,8 @@ def distance_scale(matcher: Matcher, matches: Matches, groups: int) -> torch.Ten
     """Robust standard deviation of the Mahalanobis distances of what is within reach, (P,); infinite for nothing."""
     near = matcher.within_reach(matches, matches.across.new_zeros(groups))
     median = group_quantile(matches.squared.sqrt()[near], matches.owner[near], groups, 0.5)
-    return (median / NORMAL_MEDIAN).nan_to_num(torch.inf)
+    # Two scans that are one and the same are all zeros, by which nothing can be divided.
+    return (median / NORMAL_MEDIAN).nan_to_num(torch.inf).clamp_min(torch.finfo(median.dtype).eps)
 
 
 def widest(matcher: Matcher, matches: Matches, groups: int) -> torch.Tensor:

@@ -65,18 +65,40 @@ def judge(
         scans.points.split(labels),
         scans.points.split(groups),
         scans.points.split(states),
-        others.points.split(others.points.points),
+        others.returns,
         others.origins,
         resolution.tolist(),
         strict=True,
     )
-    for points, novel, group, state, other_points, origin, length in parts:
+    for points, novel, group, state, returns, origin, length in parts:
         if origin is None or origin.ndim != 1 or not novel.any():
             continue
-        rays = Rays.of(other_points.numpy(), origin)
+        rays = Rays.of(returns, origin)
         verdict = _verdict(points[novel].numpy(), group[novel].numpy(), rays, length, settings)
         state[novel] = torch.from_numpy(verdict)
     return replace(segmented, states=states)
+
+
+def blind_notes(reference: PreparedScans, current: PreparedScans) -> list[tuple[str, ...]]:
+    """For each pair, what cannot be told for want of an origin, and what to do about it."""
+    notes: list[tuple[str, ...]] = []
+    for origins in zip(reference.origins, current.origins, strict=True):
+        roles = [
+            role
+            for role, origin in zip(("reference", "current"), origins, strict=True)
+            if origin is None or origin.ndim != 1
+        ]
+        if not roles:
+            notes.append(())
+            continue
+        whose = " and ".join(roles)
+        notes.append(
+            (
+                f"visibility: the {whose} scan has no single sensor origin, so what it could not see may be called "
+                f"novel; give the sensor's position to tell hidden from new.",
+            )
+        )
+    return notes
 
 
 def _verdict(

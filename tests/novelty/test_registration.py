@@ -64,6 +64,7 @@ def scans(clouds: list[np.ndarray], spreads: bool = True) -> PreparedScans:
         kept=tuple(np.arange(len(cloud)) for cloud in clouds),
         num_given=tuple(len(cloud) for cloud in clouds),
         origins=(None,) * len(clouds),
+        returns=tuple(clouds),
         dropped=({},) * len(clouds),
         spacing=nan,
         cell_size=nan,
