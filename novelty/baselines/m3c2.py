@@ -26,7 +26,9 @@ class M3C2(Baseline):
         default=0.08, gt=0, description="Radius of the neighbourhood that gives a point's normal, m."
     )
     cylinder_radius: float = Field(
-        default=0.04, gt=0, description="Radius of the cylinder along the normal in which both scans are averaged, m."
+        default=0.04,
+        gt=0,
+        description="Radius of the cylinder along the normal in which both scans are averaged, m.",
     )
     core_spacing: float = Field(
         default=0.02,
