@@ -108,7 +108,7 @@ def baseline_names() -> list[str]:
     return _names_of(Baseline)
 
 
-def _names_of(wanted: type[Detector]) -> list[str]:
+def _names_of(wanted: type[object]) -> list[str]:
     kinds = {name: info.annotation for name, info in section_fields(Config).items()}
     return [name for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, wanted)]
 
