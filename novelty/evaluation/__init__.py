@@ -1,6 +1,7 @@
 """How well an answer agrees with the ground truth (section 3.1)."""
 
 from novelty.evaluation.contingency import ContingencyTable
+from novelty.evaluation.intervals import Interval, McNemar, bootstrap_interval, mcnemar, t_interval
 from novelty.evaluation.labels import LabelledScores, evaluate_labels
 from novelty.evaluation.metrics import METRICS, Metric
 from novelty.evaluation.scores import Agreement, Scores, evaluate
@@ -9,9 +10,14 @@ __all__ = [
     "METRICS",
     "Agreement",
     "ContingencyTable",
+    "Interval",
     "LabelledScores",
+    "McNemar",
     "Metric",
     "Scores",
+    "bootstrap_interval",
     "evaluate",
     "evaluate_labels",
+    "mcnemar",
+    "t_interval",
 ]

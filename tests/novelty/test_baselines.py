@@ -121,7 +121,7 @@ def test_visibility_judges_only_when_asked(baseline):
 
 def test_an_empty_side_is_told_and_nothing_is_novel(baseline, pair):
     high = {"preprocess.min_height": 5.0}
-    lifted = Scan(pair.current.points + (0, 0, 10.0))
+    lifted = Scan(np.add(pair.current.points, (0, 0, 10.0)))
     result = detect(ScanPair(pair.reference, lifted), config_of(baseline, **high))
     assert not result.changed
     assert "nothing can be called added" in result.message
@@ -152,10 +152,10 @@ def test_m3c2_measures_the_shift_of_a_plane(rng):
     plane = np.concatenate([rng.uniform(0, 1, (4000, 2)), rng.normal(0, 1e-3, (4000, 1))], axis=1)
     method = M3C2(cylinder_radius=0.1, normal_radius=0.1, registration_error=0.0, max_distance=0.2)
     inside = (np.abs(plane[:, :2] - 0.5) < 0.3).all(axis=1)
-    scores = method.scores(plane[inside], plane + (0, 0, 0.05))
+    scores = method.scores(plane[inside], np.add(plane, (0, 0, 0.05)))
     # The level of detection of some hundred points with a noise of 1 mm is a tenth of a millimetre.
     np.testing.assert_allclose(scores, 0.05, atol=2e-3)
-    assert (method.scores(plane[inside], plane + (0, 0, 1.0)) == 0.2).all()
+    assert (method.scores(plane[inside], np.add(plane, (0, 0, 1.0))) == 0.2).all()
 
 
 def test_m3c2_is_quiet(pair, tmp_path, monkeypatch, capfd):
