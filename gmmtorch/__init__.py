@@ -13,6 +13,7 @@ from gmmtorch.initializers import INITIALIZERS
 from gmmtorch.mixture_model import MixtureModel
 from gmmtorch.mixtures import GaussianMixtures
 from gmmtorch.reduction import FitResult, description_length, fit_mdl
+from gmmtorch.summary import summarize
 
 if TYPE_CHECKING:
     from gmmtorch.estimator import MDLGaussianMixture
@@ -35,6 +36,7 @@ __all__ = [
     "description_length",
     "fit_em",
     "fit_mdl",
+    "summarize",
     "update",
 ]
 

@@ -1,20 +1,19 @@
 """Incremental estimation: refine stored mixtures with new scans, without the points they were fitted to.
 
-What EM needs to know of points is their number, mean and covariance (the sufficient statistics), and these can be
-kept: component k of a mixture that stands for N points is a *cell* of weight N pi_k, mean mu_k and spread S_k. An
-update fits the new points and these K cells together:
+What EM needs to know of points is their number, mean and covariance, patch by patch, and such *cells* can be kept and
+merged (sufficient statistics). A `MixtureModel` is a mixture with a few hundred cells. An update
 
-1. the old knowledge fades: every cell's weight is multiplied by `forgetting` (exponential forgetting);
-2. the mixture grows where it explains badly: the points for which it is a worse explanation than one Gaussian over the
-   whole new scan get components of their own, by an order search on these points alone;
-3. the order is searched from there (Algorithm 1): components that the evidence no longer tells apart are merged;
-4. with forgetting, a component that fewer points support than it has parameters vanishes.
-
-A cell shares its responsibilities, so an old component can be moved, widened or merged, but not divided any more. Its
-spread holds the covariance floor already, which is taken out before EM adds it again, so that nothing thickens.
+1. lets the old knowledge fade: every cell's weight is multiplied by `forgetting` (exponential forgetting);
+2. joins the old cells and the new points, which is all the evidence there is;
+3. proposes components wherever the evidence asks for them, by an order search that does not know the old mixture;
+4. searches the order once more from the old components and the proposed ones together (Algorithm 1): those that say
+   the same are merged, those that explain what nothing else does remain, and no good component is lost;
+5. with forgetting, drops components that fewer points support than they have parameters;
+6. merges the evidence into cells again.
 
 Example:
     >>> import numpy as np
+    >>> from gmmtorch import fit_mdl
     >>> rng = np.random.default_rng(0)
     >>> wall = [rng.normal(0.0, [1.0, 0.01, 0.5], (400, 3)) for _ in range(2)]
     >>> box = rng.normal([0.0, 2.0, 0.0], 0.1, (200, 3))
@@ -38,13 +37,20 @@ from gmmtorch import linalg
 from gmmtorch.clouds import PointClouds
 from gmmtorch.components import Components
 from gmmtorch.criteria import Criterion, criterion_named
-from gmmtorch.em import final_status, fit_em
-from gmmtorch.errors import ArgumentError, ShapeError, Status
-from gmmtorch.mixture_model import MixtureModel
+from gmmtorch.em import final_status
+from gmmtorch.errors import ArgumentError, ShapeError
+from gmmtorch.mixture_model import NUM_CELLS, MixtureModel
 from gmmtorch.mixtures import GaussianMixtures
 from gmmtorch.normalization import normalize
-from gmmtorch.problem import Problem, components_from_mixtures, mixtures_from_components, prepare
-from gmmtorch.reduction import _search, fit_mdl
+from gmmtorch.problem import (
+    Problem,
+    components_from_mixtures,
+    feasible_components,
+    initial_components,
+    mixtures_from_components,
+    prepare,
+)
+from gmmtorch.reduction import OrderSearch, search_orders
 
 __all__ = ["UpdateResult", "update"]
 
@@ -54,16 +60,15 @@ class UpdateResult:
     """Refined models.
 
     Attributes:
-        model: the refined mixtures and what they stand for now; unchanged where the new cloud could not be used.
-        mdl: description length of the new points and the old cells together (B,) float64, nats; 0 where unchanged.
-        num_seeded: components that were added before the order search (B,) int64.
-        num_iterations: M-steps made at all orders (B,) int64.
+        model: the refined mixtures and what they stand for; the very same where the new cloud could not be used.
+        mdl: description length of the new points and the old cells together (B,) float64, nats, before components
+            without support were dropped; 0 where unchanged.
+        num_iterations: M-steps made at all orders of the last search (B,) int64.
         status: `Status` of every update (B,) int64; EMPTY or NON_FINITE: the cloud could not be used.
     """
 
     model: MixtureModel
     mdl: Tensor
-    num_seeded: Tensor
     num_iterations: Tensor
     status: Tensor
 
@@ -75,6 +80,8 @@ def update(
     *,
     forgetting: float = 1.0,
     max_components: int | Sequence[int] = 20,
+    num_cells: int = NUM_CELLS,
+    seed: int = 0,
     criterion: str = "mdl",
     max_iterations: int = 100,
     min_std: float | None = None,
@@ -87,6 +94,8 @@ def update(
         clouds: one new cloud per mixture, in the same frame, m.
         forgetting: factor in (0, 1] on the weight of what is known; 1 forgets nothing.
         max_components: K_max of the refined mixtures, one number or one per cloud.
+        num_cells: about how many cells to keep of every cloud.
+        seed: of the initial means of the proposed components.
         criterion: "mdl" (eq. 6), "bic" or "mml".
         max_iterations: M-steps at most at each order.
         min_std: covariance floor as a standard deviation, m.
@@ -97,33 +106,21 @@ def update(
         ShapeError: if there is not one cloud per mixture.
     """
     most = _checked(model, clouds, forgetting, max_components)
-    whole = fit_em(
-        clouds, 1, min_std=min_std, relative_floor=relative_floor
-    )  # what an explanation has to beat
-    usable = torch.tensor([Status(s).has_mixture for s in whole.status.tolist()], device=clouds.device)  # type: ignore[call-arg]
-    unexplained = _unexplained(model, clouds, whole.mixtures, usable)
-    seeds = fit_mdl(
-        unexplained, most, criterion=criterion, max_iterations=max_iterations, min_std=min_std,
-        relative_floor=relative_floor,
-    ).mixtures  # fmt: skip
-    points = _keep(clouds, usable[clouds.cloud_index])
-    cells = _cells(model, forgetting)
-    floor = normalize(_join(cells, points), min_std, relative_floor)
-    evidence = _join(_thinned(cells, (floor.floor * floor.scale).square()), points)
+    scanned = normalize(clouds, min_std, relative_floor).status
+    usable = torch.tensor([status.has_mixture for status in scanned], device=clouds.device)
+    evidence = _join(_faded(model.cells, forgetting), _keep(clouds, usable[clouds.cloud_index]))
     problem = prepare(evidence, min_std, relative_floor, "model", "mdl")
-    start = _grown(problem, model, seeds, unexplained.total_weights)
-    orders = start.num_components.tolist()
-    found = _search(problem, start, orders, _at_most(most, criterion), max_iterations, False)
-    refined = mixtures_from_components(problem, found.best.components)
+    found = _grown_and_merged(problem, model.mixtures, most, criterion, max_iterations, seed)
+    refined = MixtureModel.of(mixtures_from_components(problem, found.best.components), evidence, num_cells)
     if forgetting < 1.0:
-        refined = _supported(refined, evidence.total_weights)
+        refined = _supported(refined)
+    unusable = torch.tensor([int(status) for status in scanned], device=clouds.device)
     status = final_status(problem, found.best, problem.normalized.status, True)
     return UpdateResult(
-        model=_choose(usable, MixtureModel(refined, evidence.total_weights), model),
+        model=_choose(usable, refined, model),
         mdl=torch.where(usable, found.mdl, 0.0),
-        num_seeded=torch.where(usable, seeds.num_components, 0),
         num_iterations=torch.where(usable, found.num_iterations, 0),
-        status=torch.where(usable, status, whole.status),
+        status=torch.where(usable, status, unusable),
     )
 
 
@@ -144,30 +141,9 @@ def _checked(
     return [int(k) for k in max_components]
 
 
-def _unexplained(
-    model: MixtureModel, clouds: PointClouds, whole: GaussianMixtures, usable: Tensor
-) -> PointClouds:
-    """Points that the mixture explains worse than one Gaussian over the whole scan does.
-
-    None where they are fewer than a component has parameters, unless nothing is known yet.
-    """
-    worse = model.mixtures.log_prob(clouds) < whole.log_prob(clouds)
-    worse = worse & usable[clouds.cloud_index] & (clouds.weights > 0)
-    found = torch.stack([w.sum() for w in clouds.split(torch.where(worse, clouds.weights, 0.0))])
-    enough = (found >= linalg.num_lifted(clouds.dim)) | (model.mixtures.num_components == 0)
-    return _keep(clouds, worse & enough[clouds.cloud_index])
-
-
-def _cells(model: MixtureModel, forgetting: float) -> PointClouds:
-    """The mixtures as clouds of cells: weights forgetting N pi_k, means mu_k, spreads S_k."""
-    mixtures, present = model.mixtures, model.mixtures.mask
-    weights = forgetting * model.total_weights[:, None] * mixtures.weights
-    return PointClouds(
-        points=mixtures.means[present],
-        weights=weights[present],
-        spreads=mixtures.covariances[present],
-        offsets=(0, *accumulate(mixtures.num_components.tolist())),
-    )
+def _faded(cells: PointClouds, forgetting: float) -> PointClouds:
+    """The cells with what is left of their weights."""
+    return replace(cells, weights=forgetting * cells.weights)
 
 
 def _keep(clouds: PointClouds, mask: Tensor) -> PointClouds:
@@ -188,27 +164,29 @@ def _join(first: PointClouds, second: PointClouds) -> PointClouds:
     return PointClouds(mixed.points, mixed.weights, mixed.spreads, mixed.offsets[::2], second.dtype)
 
 
-def _thinned(cells: PointClouds, variance: Tensor) -> PointClouds:
-    """Take the variance of the covariance floor (B,), which EM is going to add, out of the cells' spreads."""
-    assert cells.spreads is not None
-    values, vectors = torch.linalg.eigh(cells.spreads)
-    values = (values - variance[cells.cloud_index, None]).clamp_min(0.0)
-    spreads = (vectors * values[:, None]) @ vectors.transpose(1, 2)
-    return replace(cells, spreads=0.5 * (spreads + spreads.transpose(1, 2)))
-
-
-def _grown(problem: Problem, model: MixtureModel, seeds: GaussianMixtures, unexplained: Tensor) -> Components:
-    """The mixtures and their seeds, each side weighted by what it has to explain; `unexplained` (B,) by the first."""
-    total = problem.normalized.clouds.total_weights
-    share = (unexplained / torch.where(total > 0, total, 1.0))[:, None]  # (B, 1)
-    old, new = components_from_mixtures(problem, model.mixtures), components_from_mixtures(problem, seeds)
-    grown = Components(
-        weights=torch.cat([(1.0 - share) * old.weights, share * new.weights], 1),
-        means=torch.cat([old.means, new.means], 1),
-        covariances=torch.cat([old.covariances, new.covariances], 1),
-        factors=torch.cat([old.factors, new.factors], 1),
+def _grown_and_merged(
+    problem: Problem,
+    mixtures: GaussianMixtures,
+    max_components: Sequence[int],
+    criterion: str,
+    max_iterations: int,
+    seed: int,
+) -> OrderSearch:
+    """Search the order from the old components and from those that a search without them proposes, together."""
+    limited = _at_most(max_components, criterion)
+    held, _ = feasible_components(problem, max_components)
+    start = initial_components(problem, held, "kmeans++", seed, 0)
+    proposed = search_orders(problem.workload, start, held, limited, max_iterations, False).best.components
+    old = components_from_mixtures(problem, mixtures)
+    both = Components(
+        weights=_normalized(torch.cat([mixtures.weights, proposed.weights], 1)),
+        means=torch.cat([old.means, proposed.means], 1),
+        covariances=torch.cat([old.covariances, proposed.covariances], 1),
+        factors=torch.cat([old.factors, proposed.factors], 1),
     )
-    return grown.compact(max(1, int(grown.num_components.max())))
+    orders = both.num_components.tolist()
+    both = both.compact(max(1, *orders))
+    return search_orders(problem.workload, both, orders, limited, max_iterations, False)
 
 
 def _at_most(max_components: Sequence[int], criterion: str) -> Criterion:
@@ -223,33 +201,48 @@ def _at_most(max_components: Sequence[int], criterion: str) -> Criterion:
     return limited
 
 
-def _supported(mixtures: GaussianMixtures, total: Tensor) -> GaussianMixtures:
-    """Drop components that fewer points support than they have parameters; the heaviest always stays.
+def _supported(model: MixtureModel) -> MixtureModel:
+    """Drop the components that fewer points support than they have parameters, and these points with them.
 
-    Args:
-        mixtures: the mixtures.
-        total: N (B,).
+    Few must be both the component's own weight and the cells that it claims. The heaviest component always stays.
     """
-    support = total[:, None] * mixtures.weights
+    mixtures, cells = model.mixtures, model.cells
+    needed = linalg.num_lifted(mixtures.dim)
+    place = cells.cloud_index * mixtures.num_slots + mixtures.assign(cells)
+    claimed = torch.bincount(place, cells.weights, minlength=mixtures.mask.numel()).view_as(mixtures.weights)
+    support = torch.maximum(claimed, model.total_weights[:, None] * mixtures.weights)
     heaviest = mixtures.weights == mixtures.weights.amax(1, keepdim=True)
-    stays = mixtures.mask & ((support >= linalg.num_lifted(mixtures.dim)) | heaviest)
-    kept = Components.create(torch.where(stays, mixtures.weights, 0.0), mixtures.means, mixtures.covariances)
-    kept = kept.compact(mixtures.num_slots)
-    return GaussianMixtures(kept.weights, kept.means, kept.covariances, kept.num_components)
+    stays = mixtures.mask & ((support >= needed) | heaviest)
+    weights = torch.where(stays, mixtures.weights, 0.0)
+    kept = Components.create(weights, mixtures.means, mixtures.covariances)
+    kept = replace(kept, weights=_normalized(weights)).compact(mixtures.num_slots)
+    mixtures = GaussianMixtures(kept.weights, kept.means, kept.covariances, kept.num_components)
+    return MixtureModel(mixtures, _keep(cells, stays.flatten()[place]))
+
+
+def _normalized(weights: Tensor) -> Tensor:
+    """Weights (B, K) that sum to 1; the bits do not depend on how much padding the batch needs."""
+    total = weights.cumsum(1)[:, -1:]
+    return weights / torch.where(total > 0, total, 1.0)
 
 
 def _choose(usable: Tensor, new: MixtureModel, old: MixtureModel) -> MixtureModel:
     """The new models where the cloud could be used (B,) bool, the old ones elsewhere."""
     slots = max(new.mixtures.num_slots, old.mixtures.num_slots)
-    a, b = new.mixtures.pad(slots), old.mixtures.pad(slots)
+    pairs = zip(_padded(new.mixtures, slots), _padded(old.mixtures, slots), strict=True)
+    chosen = [torch.where(usable.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs]
+    rows = [b if fresh else b + len(usable) for b, fresh in enumerate(usable.tolist())]
+    cells = PointClouds.concatenate([new.cells, old.cells]).select(rows)
+    return MixtureModel(GaussianMixtures(*chosen).trim(), cells)
 
-    def pick(mine: Tensor, theirs: Tensor) -> Tensor:
-        return torch.where(usable.reshape(usable.shape + (1,) * (mine.ndim - 1)), mine, theirs)
 
-    mixtures = GaussianMixtures(
-        weights=pick(a.weights, b.weights),
-        means=pick(a.means, b.means),
-        covariances=pick(a.covariances, b.covariances),
-        num_components=pick(a.num_components, b.num_components),
+def _padded(mixtures: GaussianMixtures, num_slots: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Weights, means and covariances with so many slots, and the numbers of components; changes no bit of them."""
+    extra = num_slots - mixtures.num_slots
+    identity = torch.eye(mixtures.dim, dtype=mixtures.means.dtype, device=mixtures.means.device)
+    return (
+        torch.nn.functional.pad(mixtures.weights, (0, extra)),
+        torch.nn.functional.pad(mixtures.means, (0, 0, 0, extra)),
+        torch.cat([mixtures.covariances, identity.expand(len(mixtures), extra, -1, -1)], 1),
+        mixtures.num_components,
     )
-    return MixtureModel(mixtures.trim(), pick(new.total_weights, old.total_weights))
