@@ -1,0 +1,171 @@
+"""What the accuracy tables are made of: one row per pair and variant, scored in batches, kept as CSV."""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from novelty import Config, NoveltyResult, PointState, ScanPair, detect_many
+from novelty.evaluation import (
+    ContingencyTable,
+    Interval,
+    LabelledScores,
+    Scores,
+    bootstrap_interval,
+    evaluate_labels,
+)
+from novelty.result import Change, ResultStatus
+from novelty.scan import CHANGED, Scan
+
+
+@dataclass(frozen=True)
+class Case:
+    """One pair to score and where it stands in a table: its data set and the condition it was recorded under."""
+
+    data: str
+    condition: str
+    seed: int
+    pair: ScanPair
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One line of a table: a detector with its settings."""
+
+    name: str
+    config: Config
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one variant scored on one pair; NaN where not defined.
+
+    Attributes:
+        kappa: Of the points of both scans together, so that a false alarm counts where nothing was to be found.
+        seen_once: Share of the points seen in one scan only that were called novel.
+        flagged: Share of the examined points of both scans that were called novel.
+        objects: Objects reported in both directions.
+        false_objects: Those of which less than half of the points have changed; NaN without labels.
+        compare_seconds: Of the comparison alone.
+        failure: Why there is no score; empty when there is one.
+    """
+
+    data: str
+    condition: str
+    seed: int
+    pair: str
+    variant: str
+    kappa_added: float = math.nan
+    kappa_removed: float = math.nan
+    kappa: float = math.nan
+    seen_once: float = math.nan
+    flagged: float = math.nan
+    objects: float = math.nan
+    false_objects: float = math.nan
+    seconds: float = math.nan
+    compare_seconds: float = math.nan
+    failure: str = ""
+
+
+def scored(cases: Iterable[Case], variants: Sequence[Variant], batch_size: int) -> Iterator[Row]:
+    """Score every variant on every case, `batch_size` pairs per call of `detect_many`."""
+    remaining = iter(cases)
+    while batch := list(islice(remaining, batch_size)):
+        for variant in variants:
+            results = detect_many([case.pair for case in batch], variant.config)
+            yield from (
+                row_of(case, variant.name, result) for case, result in zip(batch, results, strict=True)
+            )
+
+
+def row_of(case: Case, variant: str, result: NoveltyResult) -> Row:
+    """The scores of one answer."""
+    place = (case.data, case.condition, case.seed, case.pair.name, variant)
+    if result.status is ResultStatus.FAILED:
+        return Row(*place, failure=result.message)
+    sides = ((case.pair.current, result.added), (case.pair.reference, result.removed))
+    labelled = [
+        evaluate_labels(scan.labels, change.point_labels) for scan, change in sides if scan.labels is not None
+    ]
+    examined = sum(int((change.point_states != PointState.NOT_EXAMINED).sum()) for _, change in sides)
+    return Row(
+        *place,
+        **_agreement(labelled),
+        flagged=sum(int(change.point_labels.sum()) for _, change in sides) / max(examined, 1),
+        objects=sum(len(change.objects) for _, change in sides),
+        false_objects=sum(_false_objects(scan, change) for scan, change in sides),
+        seconds=sum(result.timings.values()),
+        compare_seconds=result.timings["compare"],
+    )
+
+
+def _agreement(labelled: list[LabelledScores]) -> dict[str, float]:
+    if len(labelled) < 2:
+        return {}
+    added, removed = labelled
+    seen_once = [np.nan_to_num(side.seen_once_called_novel) * side.num_seen_once for side in labelled]
+    total = sum(side.num_seen_once for side in labelled)
+    return {
+        "kappa_added": added.scores.kappa,
+        "kappa_removed": removed.scores.kappa,
+        "kappa": Scores.from_table(_pooled(added.scores.table, removed.scores.table)).kappa,
+        "seen_once": sum(seen_once) / total if total else math.nan,
+    }
+
+
+def _pooled(*tables: ContingencyTable) -> ContingencyTable:
+    return ContingencyTable(*(sum(getattr(t, f.name) for t in tables) for f in fields(ContingencyTable)))
+
+
+def _false_objects(scan: Scan, change: Change) -> float:
+    """Objects whose box holds a majority of called points that have not changed; NaN without labels."""
+    if scan.labels is None:
+        return math.nan
+    points, changed = scan.points[change.point_labels], scan.labels[change.point_labels] == CHANGED
+    count = 0
+    for thing in change.objects:
+        inside = np.abs((points - thing.center) @ thing.rotation) <= thing.extent / 2 + 1e-9
+        count += changed[inside.all(axis=1)].mean() < 0.5 if inside.all(axis=1).any() else False
+    return float(count)
+
+
+def interval(rows: Iterable[Row], column: str = "kappa") -> Interval:
+    """Mean of a column over rows, with its bootstrap interval."""
+    return bootstrap_interval([getattr(row, column) for row in rows])
+
+
+def grouped(rows: Iterable[Row], key: Callable[[Row], tuple[str, ...]]) -> dict[tuple[str, ...], list[Row]]:
+    """Rows by a key, in order of first appearance."""
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(key(row), []).append(row)
+    return groups
+
+
+def write_rows(folder: Path, table: str, rows: Sequence[Row]) -> Path:
+    """Write the rows of one table to `folder/table.csv`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{table}.csv"
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, [field.name for field in fields(Row)])
+        writer.writeheader()
+        writer.writerows(asdict(row) for row in rows)
+    return file
+
+
+class Stopwatch:
+    """Wall seconds since it was made."""
+
+    def __init__(self) -> None:
+        self._start = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        return time.perf_counter() - self._start
