@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 OPEN3D_LIBRARIES := libGL.so.1 libEGL.so.1 libX11.so.6 libusb-1.0.so.0 libudev.so.1 libidn2.so.0 libgomp.so.1
 OPEN3D_PACKAGES := libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1
 
-.PHONY: help setup system-libraries demo test test-all lint format bench bench-engine clean
+.PHONY: help setup system-libraries demo test test-all lint format bench bench-engine bench-accuracy clean
 
 help:
 	@echo "make demo       set up, simulate two scans of a corridor, find what changed, write the report"
@@ -13,6 +13,7 @@ help:
 	@echo "make test-all   the slow tests and those on real scans (NOVELTY_DATA) as well"
 	@echo "make lint       ruff (lint and format) and mypy"
 	@echo "make bench      the benchmarks (pytest-benchmark)"
+	@echo "make bench-accuracy  how well changes are found, in seven tables (ARGS='--table mosd --seeds 2' for a part)"
 
 setup: $(VENV)/.installed
 
@@ -52,5 +53,8 @@ format: setup
 bench: setup
 	$(BIN)/python -m pytest benchmarks -m "" --benchmark-only
 
+bench-accuracy: setup
+	$(BIN)/python -m benchmarks.accuracy $(ARGS)
+
 clean:
-	rm -rf $(VENV) demo-output .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo-output accuracy-output .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -88,13 +88,7 @@ def twice(seeds: Sequence[int]) -> Iterator[Case]:
 
 def split_halves(seeds: Sequence[int]) -> Iterator[Case]:
     """Real scans without their duplicates, halved at random: the same surfaces, sampled twice."""
-    folder = data_folder()
-    files = (
-        sorted(file for place in ("lidar", "kinect") for file in (folder / place).glob("*.p[lc][yd]"))
-        if folder
-        else []
-    )
-    for file in files:
+    for file in _real_scans():
         scan = read_scan(file)
         points = scan.points[np.isfinite(scan.points).all(axis=1)]
         points = points[np.sort(np.unique(points, axis=0, return_index=True)[1])]
@@ -118,6 +112,12 @@ def outdoor() -> Iterator[Case]:
         0,
         ScanPair(Scan(target, origin=np.zeros(3), name="target"), current, "outdoor"),
     )
+
+
+def _real_scans() -> list[Path]:
+    folder = data_folder()
+    places = ("lidar", "kinect") if folder else ()
+    return sorted(file for place in places for file in (folder / place).glob("*.p[lc][yd]"))
 
 
 def _kinds(scene: str, seed: int, count: int, sized: bool) -> list[str]:

@@ -17,7 +17,7 @@ from benchmarks import accuracy_cases as cases
 from benchmarks.accuracy_rows import Row, Variant, grouped, interval, scored
 from novelty import Config, ScanPair
 from novelty.config import detector_names
-from novelty.evaluation import bootstrap_interval
+from novelty.evaluation import Interval, bootstrap_interval
 from novelty.fitting import FitPlan
 from novelty.preprocess import prepare_pairs
 from novelty.section import section_fields
@@ -42,32 +42,38 @@ def detector_variants(options: Options) -> list[Variant]:
     return [Variant(name, Config(detector=name)) for name in options.detectors]
 
 
+DISTANCES = (0.01, 0.02, 0.04, 0.1, 0.2)
+VOXELS = (0.02, 0.05, 0.1, 0.2)
+RADII = (0.02, 0.05, 0.1)
+"""Settings of the baselines, m: a user would have to choose one of each row."""
+
+
 def baseline_variants() -> list[Variant]:
-    """The baselines, each with several settings, all of which a user would have to choose from."""
-    near = {
-        f"NN {100 * d:g} cm": {"detector": "nearest_neighbour", "nearest_neighbour.distance": d}
-        for d in (0.01, 0.02, 0.04, 0.1, 0.2)
-    }
-    voxels = {
-        f"voxel {100 * s:g} cm": {"detector": "voxel_difference", "voxel_difference.voxel_size": s}
-        for s in (0.02, 0.05, 0.1, 0.2)
-    }
-    m3c2 = {f"M3C2 {100 * r:g} cm": _m3c2(r) for r in (0.02, 0.05, 0.1)}
+    """The baselines, each with several settings."""
+    near = [_variant(f"NN {100 * d:g} cm", "nearest_neighbour", distance=d) for d in DISTANCES]
+    voxels = [_variant(f"voxel {100 * s:g} cm", "voxel_difference", voxel_size=s) for s in VOXELS]
     if importlib.util.find_spec("py4dgeo") is None:
         console.print("M3C2 is left out: pip install 'novelty-gmm\\[baselines]'")
-        m3c2 = {}
-    return [Variant(name, Config().replace(**keys)) for name, keys in {**near, **voxels, **m3c2}.items()]
+        return [*near, *voxels]
+    return [*near, *voxels, *(_m3c2(radius) for radius in RADII)]
 
 
-def _m3c2(radius: float) -> dict[str, object]:
-    lengths = {
-        "cylinder_radius": radius,
-        "normal_radius": 2 * radius,
-        "core_spacing": radius / 2,
-        "max_distance": 4 * radius,
-    }
-    keys = {f"m3c2.{key}": value for key, value in (lengths | {"registration_error": radius / 4}).items()}
-    return {"detector": "m3c2", **keys}
+def _m3c2(radius: float) -> Variant:
+    """M3C2 at one scale: every length follows the radius of the cylinder."""
+    return _variant(
+        f"M3C2 {100 * radius:g} cm",
+        "m3c2",
+        cylinder_radius=radius,
+        normal_radius=2 * radius,
+        core_spacing=radius / 2,
+        max_distance=4 * radius,
+        registration_error=radius / 4,
+    )
+
+
+def _variant(name: str, detector: str, **lengths: float) -> Variant:
+    keys = {f"{detector}.{key}": value for key, value in lengths.items()}
+    return Variant(name, Config(detector=detector).replace(**keys))
 
 
 def mosd(options: Options) -> list[Row]:
@@ -111,7 +117,7 @@ def baselines(options: Options) -> list[Row]:
         worst = np.nanmin([row.kappa for row in part])
         table.add_row(
             name,
-            *map(str, spans),
+            *map(_short, spans),
             _number(overall[name]),
             _number(worst),
             style="bold" if name == chosen else "",
@@ -339,9 +345,8 @@ def _percent(value: float) -> str:
     return "–" if np.isnan(value) else f"{value:.2%}"
 
 
-def _short(span: object) -> str:
-    mean, low, high = (getattr(span, name) for name in ("mean", "low", "high"))
-    return _number(mean) if np.isnan(low) else f"{mean:.3f}\n[{low:.2f}, {high:.2f}]"
+def _short(span: Interval) -> str:
+    return _number(span.mean) if np.isnan(span.low) else f"{span.mean:.3f}\n[{span.low:.2f}, {span.high:.2f}]"
 
 
 def default_detectors() -> list[str]:
