@@ -90,7 +90,7 @@ def test_no_cloud_breaks_an_update(name):
 
 @pytest.mark.parametrize("num_pieces", [2, 6])
 def test_pieces_approach_the_fit_of_everything(num_pieces):
-    # Measured on rooms of 12 000 points, seeds 0-2, 2 and 8 pieces: 0.022 nats per point worse to 0.010 better.
+    # Measured on rooms of 12 000 points, seeds 0-2, 2 and 8 pieces: 0.004 nats per point worse to 0.010 better.
     points, unseen = room(6000, 5), cloud_of(room(6000, 6))
     at_once = fit_mdl(cloud_of(points)).mixtures.log_prob(unseen).mean()
     first, *others = np.array_split(points, num_pieces)
@@ -121,6 +121,17 @@ def test_forgetting_decides_whether_an_object_that_has_gone_disappears():
         kept, faded = update(kept, points).model, update(faded, points, forgetting=0.4).model
     assert weight_near(kept, OBJECT) == pytest.approx(200, rel=0.1)
     assert weight_near(faded, OBJECT) == 0.0
+
+
+def test_a_component_with_fewer_points_than_parameters_vanishes_with_these_points():
+    far = np.random.default_rng(0).normal(200.0, 0.3, (100, 3))
+    model = model_of(np.concatenate([blobs(2000), far]))
+    assert float(model.mixtures.means[0].amax()) > 199.0
+    for share, stays in ((0.2, True), (0.08, False)):  # 20 and 8 points; a component has 10 parameters
+        result = update(model, cloud_of(blobs(2000)), forgetting=share).model
+        assert (float(result.mixtures.means[0].amax()) > 199.0) == stays
+        expected = 2000 + share * (2100 if stays else 2000)
+        assert float(result.total_weights[0]) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("forgetting", [1.0, 0.5])
