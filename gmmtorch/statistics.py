@@ -33,7 +33,7 @@ from gmmtorch.components import Components
 __all__ = ["Statistics", "Tiles", "expectation", "log_likelihood", "total_covariance"]
 
 TILE = 512
-_CHUNK_BYTES = 1 << 20  # of logits that pass at once: they stay in the second-level cache
+_CHUNK_BYTES = 1 << 21  # of logits that pass at once: they stay in the second-level caches
 _CUDA_CHUNK_BYTES = 1 << 28
 _LARGEST_SLACK = 60.0  # of a start that is thinner than the floor: exp stays finite
 _CLAMP = -60.0  # exp of much less gives denormal numbers, which are 10 times slower; e^-60 = 1e-26
