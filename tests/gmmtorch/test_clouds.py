@@ -42,7 +42,8 @@ def test_selecting():
 
 def test_precision_is_a_property_of_the_batch():
     clouds = PointClouds.from_list([room(4)], dtype=torch.float32)
-    assert clouds.dtype == torch.float32 and clouds.points.dtype == torch.float64
+    assert clouds.dtype == torch.float32
+    assert clouds.points.dtype == torch.float64
     assert clouds.to(dtype=torch.float64).dtype == torch.float64
     with pytest.raises(ArgumentError, match="float16"):
         clouds.to(dtype=torch.float16)

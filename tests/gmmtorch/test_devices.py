@@ -1,4 +1,4 @@
-"""What makes the engine ready for accelerators, proven without one: no synchronisation in an iteration, shapes on meta."""
+"""Ready for accelerators, proven without one: no synchronisation in an iteration, shapes on the meta device."""
 
 from __future__ import annotations
 

@@ -304,16 +304,19 @@ def test_convergence_flags():
     short = fit_em(clouds, 6, max_iterations=1)
     assert short.status.tolist()[0] == Status.NOT_CONVERGED
     long = fit_em(clouds, 6, max_iterations=500)
-    assert long.converged.all() and (long.status == Status.OK).all()
+    assert long.converged.all()
+    assert (long.status == Status.OK).all()
     fixed = fit_em(clouds, 6, max_iterations=3, tolerance=None)
-    assert not fixed.converged.any() and fixed.num_iterations.tolist() == [3, 3]
+    assert not fixed.converged.any()
+    assert fixed.num_iterations.tolist() == [3, 3]
 
 
 def test_more_initialisations_are_never_worse():
     clouds = PointClouds.from_list([room(1500), room(900, 3)])
     one = fit_em(clouds, 8, initializer="kmeans++", n_init=1)
     five = fit_em(clouds, 8, initializer="kmeans++", n_init=5)
-    assert (five.objective >= one.objective).all() and (five.objective > one.objective).any()
+    assert (five.objective >= one.objective).all()
+    assert (five.objective > one.objective).any()
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,8 @@ def test_damaged_files_are_refused(mixtures, tmp_path):
 
 def test_selecting_padding_and_trimming(mixtures):
     assert mixtures.batch_size == len(mixtures) == 2
-    assert mixtures.num_slots == 4 and mixtures[1].trim().num_slots == 2
+    assert mixtures.num_slots == 4
+    assert mixtures[1].trim().num_slots == 2
     picked = mixtures.select([1, 0, -1])
     assert picked.num_components.tolist() == [2, 4, 2]
     padded = mixtures.pad(6)

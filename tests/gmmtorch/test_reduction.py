@@ -194,7 +194,8 @@ def test_more_initialisations_are_never_worse():
     clouds = PointClouds.from_list([room(1000), room(600, 3)])
     one = fit_mdl(clouds, 8, initializer="kmeans++", n_init=1)
     four = fit_mdl(clouds, 8, initializer="kmeans++", n_init=4)
-    assert (four.mdl <= one.mdl).all() and (four.mdl < one.mdl).any()
+    assert (four.mdl <= one.mdl).all()
+    assert (four.mdl < one.mdl).any()
 
 
 def test_no_worse_than_gmcluster():
