@@ -11,7 +11,14 @@ import yaml
 from pydantic import Field, TypeAdapter, ValidationError, field_validator
 
 from novelty.baselines import M3C2, Baseline, NearestNeighbour, VoxelDifference
-from novelty.detectors import Detector, GreedyEmd, Likelihood, StructuralMatching
+from novelty.detectors import (
+    Detector,
+    GreedyEmd,
+    JointMixture,
+    Likelihood,
+    StructuralMatching,
+    UnbalancedEmd,
+)
 from novelty.errors import ConfigError
 from novelty.fitting import Fit
 from novelty.preprocess import Preprocess
@@ -42,6 +49,8 @@ class Config:
     visibility: Visibility = Field(default_factory=Visibility)
     greedy_emd: GreedyEmd = Field(default_factory=GreedyEmd)
     structural_matching: StructuralMatching = Field(default_factory=StructuralMatching)
+    unbalanced_emd: UnbalancedEmd = Field(default_factory=UnbalancedEmd)
+    joint_mixture: JointMixture = Field(default_factory=JointMixture)
     likelihood: Likelihood = Field(default_factory=Likelihood)
     nearest_neighbour: NearestNeighbour = Field(default_factory=NearestNeighbour)
     voxel_difference: VoxelDifference = Field(default_factory=VoxelDifference)

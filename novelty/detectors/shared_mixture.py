@@ -1,0 +1,171 @@
+"""One mixture for both scans of a pair: a dictionary of components that each scan fills in its own measure.
+
+MDL puts one component where an old and a new thing stand close together, since both scans fit it well enough
+together. There the points of the two scans have different moments inside the component, which a Hellinger distance
+shows without any length: such a component is split into the two Gaussians of the two scans, and EM over both scans
+lets the halves find their places. Where nothing changed the moments agree and nothing is split.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+import gmmtorch
+from gmmtorch import FitResult, GaussianMixtures, PointClouds, Status
+from gmmtorch.components import Components
+from novelty.detectors.balance import expected_counts
+from novelty.detectors.ground import hellinger_distance
+from novelty.detectors.resolution import blurred, cell_resolution
+from novelty.fitting import FitPlan, Models
+from novelty.fitting import _fitted_clouds as fitted_clouds
+from novelty.preprocess.prepared import PreparedPairs
+
+SPLIT_ITERATIONS = 10
+"""EM iterations over both scans after each round of splits."""
+LEAST_POINTS = 10
+"""Points that each scan must have in a component for its moments to be known: as many as a Gaussian has parameters."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """What the cells of P scans are to the components of P mixtures.
+
+    Attributes:
+        counts: expected number of points (P, K).
+        means: (P, K, 3), m.
+        covariances: (P, K, 3, 3), m^2.
+    """
+
+    counts: Tensor
+    means: Tensor
+    covariances: Tensor
+
+
+def fit_shared(batch: PreparedPairs, plan: FitPlan, split_distance: float, max_splits: int) -> Models:
+    """Fit one mixture to both scans of every pair; each model holds the components its scan has points of.
+
+    Args:
+        batch: P pairs.
+        plan: Settings of the fit; K_max holds for both scans together, before splits.
+        split_distance: Hellinger distance between the two scans inside a component above which it is split.
+        max_splits: Rounds of splits.
+
+    Returns:
+        Models whose weights are the expected shares of each scan's own points.
+    """
+    settings = plan.settings
+    reference, current = (fitted_clouds(scans, settings) for scans in (batch.reference, batch.current))
+    united = unite(reference, current)
+    fit = gmmtorch.fit_mdl(
+        united,
+        max_components=plan.max_components,
+        initializer=settings.initializer,
+        n_init=settings.n_init,
+        min_std=settings.min_std,
+        seed=plan.seed,
+    )
+    # Components in which the two scans differ, each split into one per scan.
+    mixtures, resolution = fit.mixtures, cell_resolution(batch)
+    for _ in range(max_splits):
+        start = _split(mixtures, reference, current, resolution, split_distance)
+        mixtures = gmmtorch.fit_em(
+            united, initial=start, min_std=settings.min_std, max_iterations=SPLIT_ITERATIONS
+        ).mixtures
+    fit = replace(fit, mixtures=mixtures)
+    return Models(reference=_share_of(reference, fit), current=_share_of(current, fit))
+
+
+def unite(reference: PointClouds, current: PointClouds) -> PointClouds:
+    """Both scans of every pair as one cloud, the reference's points first: P clouds."""
+    pairs = len(reference)
+    order = [row for pair in range(pairs) for row in (pair, pair + pairs)]
+    both = PointClouds.concatenate([reference, current]).select(order)
+    return PointClouds(both.points, both.weights, both.spreads, both.offsets[::2], both.dtype)
+
+
+def _split(
+    mixtures: GaussianMixtures,
+    reference: PointClouds,
+    current: PointClouds,
+    resolution: Tensor,
+    split_distance: float,
+) -> GaussianMixtures:
+    """The mixtures with every component in which the scans differ replaced by the two scans' own Gaussians."""
+    before, after = (_blurred_moments(mixtures, cells, resolution) for cells in (reference, current))
+    known = (before.counts > LEAST_POINTS) & (after.counts > LEAST_POINTS) & mixtures.mask
+    differ = known & (_hellinger(before, after) > split_distance)
+    total = (before.counts + after.counts).sum(1, keepdim=True).clamp_min(1)
+    parts = Components.create(
+        torch.cat(
+            [
+                torch.where(differ, 0.0, mixtures.weights),
+                *(torch.where(differ, m.counts / total, 0.0) for m in (before, after)),
+            ],
+            1,
+        ),
+        torch.cat([mixtures.means, before.means, after.means], 1),
+        torch.cat([mixtures.covariances, before.covariances, after.covariances], 1),
+    )
+    return _packed(parts)
+
+
+def _blurred_moments(mixtures: GaussianMixtures, cells: PointClouds, resolution: Tensor) -> Moments:
+    """Moments of each scan's cells inside every component, no finer than the resolution; those of none are 0 and I."""
+    claims = mixtures.responsibilities(cells) * cells.weights[:, None]  # (N, K)
+    spreads = cells.spreads
+    if spreads is None:
+        spreads = cells.points.new_zeros(len(cells.points), cells.dim, cells.dim)
+    origin = (mixtures.weights[..., None] * mixtures.means).sum(1)  # (P, 3): maps live far from zero
+    offsets = cells.points - origin[cells.cloud_index]
+    squares = (offsets[:, :, None] * offsets[:, None, :] + spreads).flatten(1)  # (N, 9)
+    pieces = cells.split(claims)
+    counts = torch.stack([piece.sum(0) for piece in pieces])
+    held = counts.clamp_min(torch.finfo(counts.dtype).tiny)[..., None]
+    first, second = (
+        torch.stack([piece.T @ part for piece, part in zip(pieces, cells.split(values), strict=True)]) / held
+        for values in (offsets, squares)
+    )
+    covariances = second.unflatten(2, (3, 3)) - first[..., :, None] * first[..., None, :]
+    present = counts > LEAST_POINTS
+    identity = torch.eye(3, dtype=counts.dtype, device=counts.device)
+    return Moments(
+        counts=counts,
+        means=torch.where(present[..., None], first + origin[:, None], 0.0),
+        covariances=torch.where(present[..., None, None], blurred(covariances, resolution), identity),
+    )
+
+
+def _hellinger(a: Moments, b: Moments) -> Tensor:
+    """Hellinger distance between the Gaussians of the same component in two scans (P, K)."""
+    first, second = (
+        GaussianMixtures(m.counts, m.means, m.covariances, (m.counts > 0).sum(1)) for m in (a, b)
+    )
+    return hellinger_distance(first, second).diagonal(dim1=1, dim2=2)
+
+
+def _share_of(cells: PointClouds, fit: FitResult) -> FitResult:
+    """The shared mixture as the mixture of one scan: its components, weighted by the scan's own points."""
+    shared = fit.mixtures
+    counts = expected_counts(shared, cells)
+    held = torch.where(counts >= 1, counts, 0.0)
+    own = Components.create(held, shared.means, shared.covariances)
+    mixtures = _packed(own)
+    log_prob = torch.where(cells.weights > 0, mixtures.log_prob(cells), 0.0) * cells.weights
+    empty = mixtures.num_components == 0
+    return FitResult(
+        mixtures=mixtures,
+        mdl=gmmtorch.description_length(mixtures, cells),
+        mdl_path=fit.mdl_path,
+        log_likelihood=torch.stack([piece.sum() for piece in cells.split(log_prob)]),
+        status=torch.where(empty, int(Status.EMPTY), fit.status),
+        num_iterations=fit.num_iterations,
+    )
+
+
+def _packed(components: Components) -> GaussianMixtures:
+    """The components that are present, in order."""
+    packed = components.compact(components.weights.shape[1])
+    return GaussianMixtures(packed.weights, packed.means, packed.covariances, packed.num_components).trim()
