@@ -11,6 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 
 from novelty import Config, NoveltyResult, PointState, ScanPair, detect_many
 from novelty.evaluation import (
@@ -77,12 +78,15 @@ class Row:
 def scored(cases: Iterable[Case], variants: Sequence[Variant], batch_size: int) -> Iterator[Row]:
     """Score every variant on every case, `batch_size` pairs per call of `detect_many`."""
     remaining = iter(cases)
-    while batch := list(islice(remaining, batch_size)):
-        for variant in variants:
-            results = detect_many([case.pair for case in batch], variant.config)
-            yield from (
-                row_of(case, variant.name, result) for case, result in zip(batch, results, strict=True)
-            )
+    done = 0
+    with Console(stderr=True).status("Making the first pairs") as status:
+        while batch := list(islice(remaining, batch_size)):
+            for variant in variants:
+                status.update(f"{done} rows done; {variant.name} on {batch[0].data}, {batch[0].condition}")
+                results = detect_many([case.pair for case in batch], variant.config)
+                for case, result in zip(batch, results, strict=True):
+                    yield row_of(case, variant.name, result)
+                done += len(batch)
 
 
 def row_of(case: Case, variant: str, result: NoveltyResult) -> Row:
