@@ -1,7 +1,8 @@
 """Where the components start: one registry of initialisers.
 
-All components begin with equal weights and the covariance of the whole cloud (section 2.3); the initialisers differ in
-the means. The description length that the search reaches depends on them more than on anything else.
+Most initialisers give means; the components then begin with equal weights and the covariance of the whole cloud
+(section 2.3). `merged` gives weights and covariances too. The description length that the search reaches depends on the
+start more than on anything else.
 
 Random streams depend on (seed, initialisation number) only: every cloud of a batch draws the same numbers, so that its
 result does not depend on its place in the batch.
@@ -16,22 +17,22 @@ from torch import Tensor
 
 from gmmtorch.clouds import PointClouds
 from gmmtorch.errors import ArgumentError
+from gmmtorch.hierarchy import Groups, merged_groups
 from gmmtorch.normalization import subsample
 
-__all__ = ["INITIALIZERS", "Initializer", "initial_means"]
+__all__ = ["INITIALIZERS", "Initializer", "initial_groups"]
 
-Initializer = Callable[[PointClouds, Sequence[int], int, torch.Generator], Tensor]
-"""(clouds, num_components (B,), initialisation number, generator) -> means (B, K, D), in normalised coordinates.
-
-Slots from num_components[b] on are ignored."""
+Initializer = Callable[[PointClouds, Sequence[int], int, torch.Generator], Tensor | Groups]
+"""(clouds, num_components (B,), initialisation number, generator) -> means (B, K, D), or groups with weights and
+covariances as well, in normalised coordinates. Slots from num_components[b] on are ignored."""
 
 _SEEDING_SAMPLE = 2048
 
 
-def initial_means(
+def initial_groups(
     name: str, clouds: PointClouds, num_components: Sequence[int], seed: int, initialization: int
-) -> Tensor:
-    """Run the initialiser of this name (B, K, D), K the largest of `num_components` (B,).
+) -> Tensor | Groups:
+    """Run the initialiser of this name for K slots, the largest of `num_components` (B,).
 
     Raises:
         ArgumentError: if the name is not registered.
@@ -90,10 +91,23 @@ def kmeans_plus_plus(
     return torch.cat(means, 1)
 
 
+def merged(
+    clouds: PointClouds, num_components: Sequence[int], initialization: int, generator: torch.Generator
+) -> Tensor | Groups:
+    """Groups of a fine partition joined by eq. 7, see `gmmtorch.hierarchy`.
+
+    There is one such start; initialisations after the first are those of `kmeans++`.
+    """
+    if initialization > 0:
+        return kmeans_plus_plus(clouds, num_components, initialization, generator)
+    return merged_groups(clouds, num_components)
+
+
 INITIALIZERS: dict[str, Initializer] = {
     "evenly_spaced": evenly_spaced,
     "random_points": random_points,
     "kmeans++": kmeans_plus_plus,
+    "merged": merged,
 }
 
 

@@ -14,7 +14,7 @@ from gmmtorch import linalg
 from gmmtorch.clouds import PointClouds
 from gmmtorch.components import Components
 from gmmtorch.errors import ArgumentError, ShapeError, Status
-from gmmtorch.initializers import initial_means
+from gmmtorch.initializers import initial_groups
 from gmmtorch.mixtures import GaussianMixtures
 from gmmtorch.normalization import NormalizedClouds, normalize
 from gmmtorch.statistics import Tiles, total_covariance
@@ -210,17 +210,26 @@ def best_start(value: Tensor, n_init: int) -> Tensor:
 def initial_components(
     problem: Problem, num_components: Sequence[int], initializer: str, seed: int, initialization: int
 ) -> Components:
-    """Equal weights, the initialiser's means, the covariance of the whole cloud (section 2.3)."""
+    """What the initialiser gives; where it gives means only, equal weights and the covariance of the whole cloud."""
     clouds = problem.normalized.clouds
     slots = max(1, *num_components)
     counts = torch.tensor(num_components, device=clouds.device)[:, None]
     present = torch.arange(slots, device=clouds.device) < counts
-    means = clouds.points.new_zeros(clouds.batch_size, slots, clouds.dim)
-    if max(num_components) > 0:
-        means = initial_means(initializer, clouds, num_components, seed, initialization)
-    weights = present / counts.clamp_min(1).double()
+    if max(num_components) == 0:
+        return Components.create(present.double(), *_nowhere(problem, slots))
+    start = initial_groups(initializer, clouds, num_components, seed, initialization)
+    if isinstance(start, Tensor):
+        weights = present / counts.clamp_min(1).double()
+        return Components.create(weights, start, problem.covariance[:, None].expand(-1, slots, -1, -1))
+    identity = torch.eye(clouds.dim, dtype=torch.float64, device=clouds.device)
+    covariances = start.covariances + problem.workload.added[:, None, None, None] * identity
+    return Components.create(torch.where(present, start.weights, 0.0), start.means, covariances)
+
+
+def _nowhere(problem: Problem, slots: int) -> tuple[Tensor, Tensor]:
+    """Means and covariances of slots that no cloud of the batch uses (B, K, D), (B, K, D, D)."""
     covariances = problem.covariance[:, None].expand(-1, slots, -1, -1)
-    return Components.create(weights, means, covariances)
+    return covariances.new_zeros(covariances.shape[:3]), covariances
 
 
 def _tolerances(clouds: PointClouds, tolerance: Tolerance) -> Tensor | None:

@@ -24,7 +24,7 @@ class Fit:
         description="What a cell of simplified points tells the fit: its count, mean and spread, or, as in the "
         "paper, its centroid only.",
     )
-    initializer: Literal["evenly_spaced", "random_points", "kmeans++"] = Field(
+    initializer: Literal["merged", "evenly_spaced", "random_points", "kmeans++"] = Field(
         default="evenly_spaced",
         description="Initial means; the paper takes points evenly spaced in scan order.",
     )

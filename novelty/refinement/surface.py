@@ -19,6 +19,9 @@ NEIGHBOURS = 8
 CALIBRATION = 20_000
 """Points of a scan whose own distances are looked at."""
 
+SMALLEST = 1e-12
+"""Least variance as a share of the scan's, far above rounding and far below any sensor's noise."""
+
 CHUNK = 16_384
 """Points per step, so that no temporary exceeds a few tens of megabytes."""
 
@@ -55,13 +58,19 @@ def _distances(
         return points.new_full((len(points),), torch.inf)
     centre = means.mean(dim=0)  # maps live far from their origin
     points, means = points - centre, means - centre
-    floor = resolution**2 * torch.eye(means.shape[1], dtype=means.dtype)
+    floor = _floor(means, spreads, resolution) * torch.eye(means.shape[1], dtype=means.dtype)
     whitener = torch.linalg.inv(torch.linalg.cholesky(spreads + floor))  # (M, 3, 3)
     neighbours = min(NEIGHBOURS, len(means))
     _, nearest = cKDTree(means.numpy()).query(points.numpy(), k=neighbours, workers=-1)
     nearest = torch.from_numpy(nearest).reshape(len(points), neighbours)
     chunks = zip(points.split(CHUNK), nearest.split(CHUNK), strict=True)
     return torch.cat([_nearest(chunk, rows, means, whitener) for chunk, rows in chunks])
+
+
+def _floor(means: torch.Tensor, spreads: torch.Tensor, resolution: float) -> float:
+    """What is added to every variance, m^2: the resolution's, and where points coincide what rounding needs."""
+    extent = float(means.square().sum(dim=1).mean() + spreads.diagonal(dim1=1, dim2=2).sum(dim=1).mean())
+    return max(resolution**2, SMALLEST * extent, torch.finfo(means.dtype).tiny)
 
 
 def _nearest(

@@ -1,0 +1,64 @@
+"""Where the components start."""
+
+import numpy as np
+import pytest
+import torch
+
+import gmmtorch
+from gmmtorch import INITIALIZERS, PointClouds
+from gmmtorch.hierarchy import merged_groups
+from tests.helpers import blobs, hostile_clouds, room
+
+
+@pytest.mark.parametrize("name", sorted(INITIALIZERS))
+@pytest.mark.parametrize("kind", sorted(hostile_clouds()))
+def test_every_initializer_copes_with_hostile_clouds(name, kind):
+    fit = gmmtorch.fit_mdl(PointClouds.from_list([hostile_clouds()[kind], blobs(300)]), 4, initializer=name)
+    for tensor in (fit.mixtures.weights, fit.mixtures.means, fit.mixtures.covariances):
+        assert torch.isfinite(tensor).all()
+
+
+@pytest.mark.parametrize("name", sorted(INITIALIZERS))
+def test_a_start_does_not_depend_on_the_company(name):
+    clouds = [room(900, seed=1), blobs(400), room(1500, seed=2)]
+    together = gmmtorch.fit_mdl(PointClouds.from_list(clouds), 6, initializer=name, seed=3)
+    for b, cloud in enumerate(clouds):
+        alone = gmmtorch.fit_mdl(PointClouds.from_list([cloud]), 6, initializer=name, seed=3)
+        means = together.mixtures[b].trim().means
+        torch.testing.assert_close(alone.mixtures.trim().means, means, rtol=0, atol=1e-8)
+
+
+def test_merged_finds_well_separated_blobs_without_em():
+    rng = np.random.default_rng(5)
+    centres = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]])
+    points = np.concatenate([centre + 0.05 * rng.normal(size=(200, 3)) for centre in centres])
+    groups = merged_groups(PointClouds.from_list([points]), [4])
+    torch.testing.assert_close(groups.weights[0], torch.full((4,), 0.25, dtype=torch.float64))
+    found = groups.means[0].numpy()
+    distance = np.linalg.norm(found[:, None] - centres, axis=-1)
+    assert sorted(distance.argmin(axis=1)) == [0, 1, 2, 3]
+    assert distance.min(axis=1).max() < 0.02
+
+
+def test_merged_keeps_the_moments_of_the_whole_cloud():
+    points = room(2000)
+    groups = merged_groups(PointClouds.from_list([points]), [7])
+    weights, means, covariances = (value[0].numpy() for value in groups)
+    np.testing.assert_allclose(weights @ means, points.mean(axis=0), atol=1e-10)
+    apart = means - points.mean(axis=0)
+    whole = np.einsum("k,kij->ij", weights, covariances + apart[:, :, None] * apart[:, None, :])
+    np.testing.assert_allclose(whole, np.cov(points.T, bias=True) + 1e-8 * np.eye(3), atol=1e-10)
+
+
+def test_merged_treats_a_cell_as_its_points():
+    rng = np.random.default_rng(8)
+    cells = [rng.normal(loc=10 * np.eye(3)[k % 3], scale=0.1, size=(50, 3)) for k in range(6)]
+    means = np.stack([cell.mean(axis=0) for cell in cells])
+    spreads = np.stack([np.cov(cell.T, bias=True) for cell in cells])
+    of_cells = merged_groups(
+        PointClouds.from_list([means], weights=[np.full(6, 50.0)], spreads=[spreads]), [3]
+    )
+    of_points = merged_groups(PointClouds.from_list([np.concatenate(cells)]), [3])
+    order, other = of_cells.means[0].argmax(0), of_points.means[0].argmax(0)
+    torch.testing.assert_close(of_cells.means[0][order], of_points.means[0][other], rtol=0, atol=1e-9)
+    torch.testing.assert_close(of_cells.covariances[0][order], of_points.covariances[0][other], rtol=0, atol=1e-9)
