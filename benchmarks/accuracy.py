@@ -9,12 +9,13 @@ ablation. Parameters are chosen on seeds below 100 and the pairs for tuning; `--
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import torch
 
 from benchmarks.accuracy_cases import DISTURBANCES, FIRST_REPORTED, data_folder
-from benchmarks.accuracy_rows import Stopwatch, write_rows
+from benchmarks.accuracy_rows import Stopwatch
 from benchmarks.accuracy_tables import TABLES, Options, console, default_detectors
 from novelty.config import detector_names
 from novelty.environment import machine, versions
@@ -31,6 +32,7 @@ def main() -> None:
         batch=given.batch,
         final=given.final,
         conditions=given.condition or list(DISTURBANCES),
+        file=given.out,
     )
     known = versions()
     console.print(
@@ -41,11 +43,14 @@ def main() -> None:
         console.print("no real scans: set NOVELTY_DATA to the folder that holds them")
     for name in given.table or TABLES:
         watch = Stopwatch()
-        rows = TABLES[name](options)
-        failed = [row for row in rows if row.failure]
-        for row in failed:
-            console.print(f"   failed: {row.variant} on {row.data} {row.pair}: {row.failure}", markup=False)
-        console.print(f"   {write_rows(given.out, name, rows)}: {len(rows)} rows, {watch.seconds:.0f} s\n")
+        file = given.out / f"{name}.csv"
+        rows = TABLES[name](replace(options, file=file))
+        for row in rows:
+            if row.failure:
+                console.print(
+                    f"   failed: {row.variant} on {row.data} {row.pair}: {row.failure}", markup=False
+                )
+        console.print(f"   {file}: {len(rows)} rows, {watch.seconds:.0f} s\n")
 
 
 def _arguments() -> argparse.Namespace:

@@ -153,15 +153,18 @@ def grouped(rows: Iterable[Row], key: Callable[[Row], tuple[str, ...]]) -> dict[
     return groups
 
 
-def write_rows(folder: Path, table: str, rows: Sequence[Row]) -> Path:
-    """Write the rows of one table to `folder/table.csv`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{table}.csv"
+def recorded(file: Path, rows: Iterable[Row]) -> list[Row]:
+    """All rows, written as they come, so that a run that is cut short leaves those it has made."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    kept = []
     with file.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, [field.name for field in fields(Row)])
         writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
-    return file
+        for row in rows:
+            writer.writerow(asdict(row))
+            stream.flush()
+            kept.append(row)
+    return kept
 
 
 class Stopwatch:

@@ -8,13 +8,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks import accuracy_cases as cases
-from benchmarks.accuracy_rows import Row, Variant, grouped, interval, scored
+from benchmarks.accuracy_rows import Row, Variant, grouped, interval, recorded, scored
 from novelty import Config, ScanPair
 from novelty.config import detector_names
 from novelty.evaluation import Interval, bootstrap_interval
@@ -27,7 +28,7 @@ console = Console(width=100, highlight=False)
 
 @dataclass(frozen=True)
 class Options:
-    """What was asked for on the command line."""
+    """What was asked for on the command line; `file` takes the rows of the table."""
 
     seeds: Sequence[int]
     objects: int
@@ -35,6 +36,7 @@ class Options:
     batch: int
     final: bool
     conditions: Sequence[str]
+    file: Path
 
 
 def detector_variants(options: Options) -> list[Variant]:
@@ -83,7 +85,7 @@ def mosd(options: Options) -> list[Row]:
         for v in detector_variants(options)
     ]
     variants = [*detector_variants(options), *plain]
-    rows = list(scored(cases.real_pairs(options.final), variants, options.batch))
+    rows = recorded(options.file, scored(cases.real_pairs(options.final), variants, options.batch))
     for (condition,), part in grouped(rows, lambda row: (row.condition,)).items():
         _show_mosd(f"1. mosd, pairs-{condition}", part)
     return rows
@@ -107,7 +109,7 @@ def baselines(options: Options) -> list[Row]:
     variants = [*(v for v in detector_variants(options) if v.name == chosen), *baseline_variants()]
     plain = {cases.UNDISTURBED: {}}
     pairs = chain(cases.real_pairs(options.final), cases.simulated(options.seeds, plain, options.objects))
-    rows = list(scored(pairs, variants, options.batch))
+    rows = recorded(options.file, scored(pairs, variants, options.batch))
     sets = list(dict.fromkeys(row.data for row in rows))
     table = _table("2. kappa of both scans together, mean [95 %]", "method", *sets, "all sets", "worst pair")
     overall = {}
@@ -161,7 +163,7 @@ def falsealarms(options: Options) -> list[Row]:
     """4. Scenes in which nothing changed; and how many of the objects reported elsewhere are wrong."""
     changed = cases.simulated(options.seeds, {cases.UNDISTURBED: {}}, 1)
     pairs = chain(cases.twice(options.seeds), cases.split_halves(options.seeds[:2]), cases.outdoor(), changed)
-    rows = list(scored(pairs, detector_variants(options), options.batch))
+    rows = recorded(options.file, scored(pairs, detector_variants(options), options.batch))
     still = [row for row in rows if row.condition != cases.UNDISTURBED]
     table = _table(
         "4. nothing changed: points flagged / pairs with any object", "pairs", "n", *options.detectors
@@ -214,7 +216,7 @@ def order(options: Options) -> list[Row]:
         for k in (8, 12, 16, 20, 25, 30)
     ]
     few = cases.simulated(options.seeds[:2], {cases.UNDISTURBED: {}}, 1)
-    rows = list(scored(chain(cases.real_pairs(), few), [*seeds, *orders], options.batch))
+    rows = recorded(options.file, scored(chain(cases.real_pairs(), few), [*seeds, *orders], options.batch))
     table = _table(
         "5. mean kappa over all pairs",
         "detector",
@@ -257,7 +259,7 @@ def throughput(options: Options) -> list[Row]:
         )
         rows.append(Row("simulated", "K_max 16", 0, f"{len(pairs)} pairs", name, compare_seconds=seconds))
     console.print(table)
-    return rows
+    return recorded(options.file, rows)
 
 
 def _compare_seconds(name: str, pairs: list[ScanPair]) -> tuple[float, float]:
@@ -282,7 +284,7 @@ def ablation(options: Options) -> list[Row]:
     }
     pairs = chain(cases.real_pairs(), cases.simulated(options.seeds, conditions, options.objects))
     variants = [variant for name in options.detectors for variant in _without_each(name)]
-    rows = list(scored(pairs, variants, options.batch))
+    rows = recorded(options.file, scored(pairs, variants, options.batch))
     columns = list(grouped(rows, lambda row: (row.data, row.condition)))
     heads = [f"{data}\n{condition}" for data, condition in columns]
     table = _table("7. mean kappa of both scans together", "variant", *heads)
