@@ -142,11 +142,8 @@ def _difference(rows: list[Row], first: str, second: str) -> str:
 def disturbances(options: Options) -> list[Row]:
     """3. Simulated scenes under disturbances."""
     wanted = {name: cases.DISTURBANCES[name] for name in options.conditions}
-    rows = list(
-        scored(
-            cases.simulated(options.seeds, wanted, options.objects), detector_variants(options), options.batch
-        )
-    )
+    pairs = cases.simulated(options.seeds, wanted, options.objects)
+    rows = recorded(options.file, scored(pairs, detector_variants(options), options.batch))
     for scene in cases.SCENES:
         part = [row for row in rows if row.data == scene]
         table = _table(
