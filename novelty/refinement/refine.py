@@ -1,8 +1,9 @@
 """Labels finer than components: a component that is half old, half new must not spoil its points.
 
-A component is doubtful when the surface of the other scan explains a part of its points and not the rest. Inside it
-the detector's verdict, one for all, cannot be right; there each cell of simplification is judged by its own points.
-Where a component is explained as a whole, or not at all, the verdict stands.
+A detector gives one verdict for all points of a component. Here every cell of simplification is judged by its own
+points: it is novel when most of them are off the surface that the other scan measured. A component that the detector
+calls novel and that is off the surface nearly as a whole keeps all its points, so that the feet of a thing that
+touches the floor stay with it.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ from novelty.segment import SegmentedPoints, states_of
 
 @section
 class Refine:
-    """How labels are refined inside doubtful components."""
+    """How labels are refined inside components."""
 
     method: Literal["surface", "none"] = Field(
         default="surface",
-        description="surface: inside doubtful components every cell is judged by its distance from the other scan's "
-        "surface; none: every point follows its component.",
+        description="surface: every cell is judged by its distance from the other scan's surface; none: every point "
+        "follows its component, so that the detector alone decides.",
     )
     false_alarm: float = Field(
         default=1e-3,
@@ -35,9 +36,11 @@ class Refine:
         lt=1,
         description="Share of unchanged points that may be off the surface by chance; sets the distance, no length.",
     )
-    doubt: tuple[float, float] = Field(
-        default=(0.02, 0.8),
-        description="A component is doubtful when the share of its points off the surface lies between these.",
+    whole: float = Field(
+        default=0.8,
+        gt=0,
+        le=1,
+        description="A novel component keeps all its points when at least this share of them is off the surface.",
     )
 
 
@@ -64,14 +67,11 @@ def refine(
     distances = surface_distances(scans.points, other.cells, resolution)  # (N,)
     comparable = torch.tensor([size > 0 for size in other.cells.sizes])[scans.points.cloud_index]
     off = (distances > _threshold(scans, resolution, settings)[scans.points.cloud_index]) & comparable
-    low, high = settings.doubt
-    share = _share_off(off, segmented, scans)
-    doubtful = (share > low) & (share < high) & comparable
+    whole = segmented.labels & (_share_off(off, segmented, scans) >= settings.whole)
+    refined = states_of(whole | _majority_of_cell(off, scans.cell_of_point))
     return replace(
         segmented,
-        states=torch.where(
-            doubtful, states_of(_majority_of_cell(off, scans.cell_of_point)), segmented.states
-        ),
+        states=torch.where(comparable, refined, segmented.states),
         scores=torch.where(comparable, distances.sqrt(), segmented.scores),
     )
 
