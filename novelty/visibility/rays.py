@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 NEIGHBOURS = 6
 """Rays of the other scan that are asked about one point."""
 
-REACH = 1.5
+REACH = 1.0
 """A ray speaks for a point when it passes within this many typical gaps between neighbouring rays."""
 
 

@@ -17,6 +17,17 @@ from novelty.section import section
 from novelty.segment import SegmentedPoints
 from novelty.visibility.rays import Rays, Sight
 
+LEAST_SEEN = 0.2
+"""A group must have been seen through in at least this share of all its points to be novel as a whole."""
+
+STATE_OF_SIGHT = {
+    Sight.NO_RAY: PointState.UNOBSERVED,
+    Sight.SEEN_THROUGH: PointState.NOVEL,
+    Sight.HIDDEN: PointState.OCCLUDED,
+    Sight.SURFACE: PointState.UNCHANGED,
+}
+"""What a novel point becomes that stands for itself."""
+
 
 @section
 class Visibility:
@@ -110,16 +121,17 @@ def _verdict(
 ) -> NDArray[np.uint8]:
     """State of every novel point (M,).
 
-    A group of points (the connected novel points of one component) that the other scan saw through is novel as a
-    whole: its parts in shadow belong to the same thing. In other groups every point stands for itself.
+    A group of points (the connected novel points of one component) that the other scan mostly saw through is novel as
+    a whole: its parts in shadow belong to the same thing. In other groups every point stands for itself, and one that
+    lies on a surface the other scan measured is unchanged after all.
     """
     sights = other.sights(points, settings.tolerance * resolution)
     _, group = np.unique(groups, return_inverse=True)
+    size = np.bincount(group)
     through = np.bincount(group, sights == Sight.SEEN_THROUGH)
-    judged = through + np.bincount(group, sights == Sight.HIDDEN)
-    seen = (through > 0) & (through >= settings.seen_share * judged)
-    states = np.full(len(points), PointState.NOVEL, dtype=np.uint8)
-    alone = ~seen[group]
-    states[alone & (sights == Sight.HIDDEN)] = PointState.OCCLUDED
-    states[alone & (sights == Sight.NO_RAY)] = PointState.UNOBSERVED
+    judged = size - np.bincount(group, sights == Sight.NO_RAY)
+    seen = (through >= settings.seen_share * judged) & (through >= LEAST_SEEN * size)
+    whole = seen[group]
+    states = np.choose(sights, [STATE_OF_SIGHT[sight] for sight in Sight]).astype(np.uint8)
+    states[whole] = PointState.NOVEL
     return states
