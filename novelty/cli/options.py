@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from novelty.config import Config
 
-DETECTORS = "likelihood, structural_matching or greedy_emd"
+DETECTORS = "likelihood, joint_mixture, unbalanced_emd, structural_matching or greedy_emd"
 
 ConfigFile = Annotated[
     Path | None,
