@@ -43,11 +43,15 @@ class Fit:
 
 @dataclass(frozen=True)
 class FitPlan:
-    """One fit: its settings, its K_max (one for all, or one per pair) and its seed."""
+    """One fit: its settings, its K_max (one for all, or one per pair) and its seed.
+
+    `reference` holds the mixtures of the reference scans where they are known already.
+    """
 
     settings: Fit
     max_components: int | Sequence[int] = 20
     seed: int = 0
+    reference: FitResult | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,23 +67,30 @@ class Models:
 
 
 def fit_independently(batch: PreparedPairs, plan: FitPlan) -> Models:
-    """Fit every scan on its own, as the paper does, all 2 P of them in one batch (Algorithm 1)."""
-    clouds = PointClouds.concatenate(
-        [_fitted_clouds(scans, plan.settings) for scans in (batch.reference, batch.current)]
-    )
+    """Fit every scan on its own, as the paper does, all 2 P of them in one batch (Algorithm 1).
+
+    Where the plan knows the mixtures of the references, only the current scans are fitted.
+    """
+    if plan.reference is not None:
+        return Models(reference=plan.reference, current=fit_scans([batch.current], plan))
+    fits = fit_scans([batch.reference, batch.current], plan)
+    pairs = len(batch)
+    return Models(reference=fits.select(range(pairs)), current=fits.select(range(pairs, 2 * pairs)))
+
+
+def fit_scans(sides: Sequence[PreparedScans], plan: FitPlan) -> FitResult:
+    """Fit every scan of the sides, P each, on its own; the fits of the first side come first."""
     max_components = plan.max_components
     if not isinstance(max_components, int):
-        max_components = [*max_components, *max_components]
-    fits = gmmtorch.fit_mdl(
-        clouds,
+        max_components = [*max_components] * len(sides)
+    return gmmtorch.fit_mdl(
+        PointClouds.concatenate([_fitted_clouds(scans, plan.settings) for scans in sides]),
         max_components=max_components,
         initializer=plan.settings.initializer,
         n_init=plan.settings.n_init,
         min_std=plan.settings.min_std,
         seed=plan.seed,
     )
-    pairs = len(batch)
-    return Models(reference=fits.select(range(pairs)), current=fits.select(range(pairs, 2 * pairs)))
 
 
 def _fitted_clouds(scans: PreparedScans, settings: Fit) -> PointClouds:
@@ -87,4 +98,4 @@ def _fitted_clouds(scans: PreparedScans, settings: Fit) -> PointClouds:
     return clouds.to(dtype=torch.float32 if settings.precision == "float32" else torch.float64)
 
 
-__all__ = ["Fit", "FitPlan", "GaussianMixtures", "Models", "fit_independently"]
+__all__ = ["Fit", "FitPlan", "GaussianMixtures", "Models", "fit_independently", "fit_scans"]

@@ -79,13 +79,27 @@ def _detect_resiliently(pairs: list[ScanPair], config: Config) -> list[NoveltyRe
 
 
 def _detect_usable(pairs: list[ScanPair], config: Config) -> list[NoveltyResult]:
-    clock = _Clock()
-    detector = config.chosen_detector
-    plan = FitPlan(settings=config.fit, max_components=config.max_components, seed=config.seed)
-
+    clock = Clock()
     # Section 2.2: both scans of every pair, simplified, without outliers and ground.
     with clock.stage("preprocess"):
         batch = prepare_pairs(pairs, config.preprocess, config.unit)
+    plan = FitPlan(settings=config.fit, max_components=config.max_components, seed=config.seed)
+    return compare_prepared(pairs, batch, plan, config, clock)
+
+
+def compare_prepared(
+    pairs: Sequence[ScanPair], batch: PreparedPairs, plan: FitPlan, config: Config, clock: Clock
+) -> list[NoveltyResult]:
+    """Register, fit, compare and segment pairs that have been preprocessed.
+
+    Args:
+        pairs: The P pairs as given.
+        batch: The same, preprocessed.
+        plan: How to fit them.
+        config: Settings of everything else.
+        clock: Counts the seconds of every stage.
+    """
+    detector = config.chosen_detector
     # Section 4, future work: the given poses refined, what remains of their error measured.
     with clock.stage("register"):
         registrations = register(batch, config.registration)
@@ -160,7 +174,7 @@ def _failed(pair: ScanPair, reason: str) -> NoveltyResult:
     )
 
 
-class _Clock:
+class Clock:
     """Wall seconds per stage."""
 
     def __init__(self) -> None:

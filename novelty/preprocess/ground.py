@@ -89,6 +89,18 @@ def agree_on_ground(
     return grounds
 
 
+def follow_ground(known: Plane | NoGround, found: Plane | NoGround) -> Plane | NoGround:
+    """Ground of a scan that is compared with an earlier one, of which nothing can be taken out any more.
+
+    Args:
+        known: What was taken out of the earlier scan.
+        found: The ground of the new scan, in the same frame.
+    """
+    if isinstance(known, Plane):
+        return found if isinstance(found, Plane) else known
+    return NoGround("the earlier scan kept its own") if isinstance(found, Plane) else found
+
+
 def find_ground(scan: Survivors, settings: Preprocess, spacing: Spacing) -> Plane | NoGround:
     """The ground plane of one scan; the same for the same scan and seed."""
     if settings.ground == "none" or len(scan) == 0:

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from gmmtorch import PointClouds
 from novelty.errors import InputError
 from novelty.preprocess.crop import crop
-from novelty.preprocess.ground import NoGround, Plane, agree_on_ground, drop_ground, find_ground
+from novelty.preprocess.ground import (
+    NoGround,
+    Plane,
+    agree_on_ground,
+    drop_ground,
+    find_ground,
+    follow_ground,
+)
 from novelty.preprocess.missing import drop_missing
 from novelty.preprocess.outliers import drop_outliers
 from novelty.preprocess.prepared import PreparedPairs, PreparedScans
@@ -34,10 +41,11 @@ ADVICE = {
 
 @dataclass(frozen=True, eq=False)
 class _Examined:
-    """The points of one scan that are examined, all its returns, its spacing, and the ground found under it."""
+    """The points of one scan that are examined, all its returns and where the sensor met them, spacing and ground."""
 
     scan: Survivors
     returns: NDArray[np.float64]
+    origins: NDArray[np.float64] | None
     spacing: Spacing
     ground: Plane | NoGround
 
@@ -65,7 +73,12 @@ def prepare_pairs(pairs: Sequence[ScanPair], settings: Preprocess, unit: str = "
     )
 
 
-def prepare(scans: Sequence[Scan], settings: Preprocess, unit: str = "m") -> PreparedScans:
+def prepare(
+    scans: Sequence[Scan],
+    settings: Preprocess,
+    unit: str = "m",
+    known_grounds: Sequence[Plane | NoGround] | None = None,
+) -> PreparedScans:
     """Take out what is not examined, and simplify the rest, of all scans at once.
 
     A scan's result does not depend on the others. A scan of which nothing is left stays in its place as an empty
@@ -75,12 +88,20 @@ def prepare(scans: Sequence[Scan], settings: Preprocess, unit: str = "m") -> Pre
         scans: B scans.
         settings: What is taken out and how the rest is simplified.
         unit: Unit of the scans' coordinates: m, cm, mm, in or ft.
+        known_grounds: For each scan, what is known of the ground from an earlier scan of the place, m: what that one
+            kept is kept, and its plane serves where no other is found.
 
     Raises:
         InputError: There is no scan.
         ConfigError: The unit or the direction `up` is not valid.
     """
-    return _packed(scans, _examined_scans(scans, settings, unit), settings)
+    examined = _examined_scans(scans, settings, unit)
+    if known_grounds is not None:
+        examined = [
+            replace(part, ground=follow_ground(known, part.ground))
+            for known, part in zip(known_grounds, examined, strict=True)
+        ]
+    return _packed(scans, examined, settings)
 
 
 def _examined_scans(scans: Sequence[Scan], settings: Preprocess, unit: str) -> list[_Examined]:
@@ -93,14 +114,14 @@ def _examined_scans(scans: Sequence[Scan], settings: Preprocess, unit: str) -> l
 def _examined(scan: Survivors, settings: Preprocess) -> _Examined:
     # Missing returns.
     scan = drop_missing(scan)
-    returns = scan.points
+    returns, origins = scan.points, scan.point_origins
     # Range from the sensor, band of heights.
     scan = crop(scan, settings)
     # Sparse outliers (Rusu et al. 2008).
     scan = drop_outliers(scan, settings)
     # Ground plane (Lai & Fox 2009); it is taken out once it is known whether another scan agrees.
     spacing = spacing_of(scan.points)
-    return _Examined(scan, returns, spacing, find_ground(scan, settings, spacing))
+    return _Examined(scan, returns, origins, spacing, find_ground(scan, settings, spacing))
 
 
 def _agreed(reference: _Examined, current: _Examined) -> tuple[_Examined, _Examined]:
@@ -124,12 +145,13 @@ def _packed(scans: Sequence[Scan], examined: Sequence[_Examined], settings: Prep
         cell_of_point=simplified.cell_of_point,
         kept=tuple(part.scan.kept for part in examined),
         num_given=tuple(scan.num_points for scan in scans),
-        origins=tuple(part.scan.origin for part in examined),
+        origins=tuple(part.origins for part in examined),
         returns=tuple(part.returns for part in examined),
         dropped=tuple(part.scan.dropped for part in examined),
         spacing=torch.tensor([part.spacing.distance for part in examined], dtype=torch.float64),
         cell_size=_typical_extent(points, simplified),
         notes=tuple(part.scan.notes for part in examined),
+        grounds=tuple(part.ground for part in examined),
     )
 
 

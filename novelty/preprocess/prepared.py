@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from gmmtorch import PointClouds
+from novelty.preprocess.ground import NoGround, Plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +25,13 @@ class PreparedScans:
         cell_of_point: int64 (N,), row of `cells.points` that holds each examined point.
         kept: For each scan, int64 (N_b,), the place of its examined points in the scan as given.
         num_given: For each scan, the number of points given.
-        origins: For each scan, where the sensor stood, (3,) or (number of points given, 3); None when unknown.
+        origins: For each scan, where the sensor stood, (3,) or for each return (M_b, 3); None when unknown.
         returns: For each scan, every finite point given, (M_b, 3) m: what its rays met, examined or not.
         dropped: For each scan, how many points each step took out (`not finite`, `cropped`, `outlier`, `ground`).
         spacing: float64 (B,), typical distance between neighbouring points, m; NaN for an empty cloud.
         cell_size: float64 (B,), typical root-mean-square extent of a cell, m; NaN for an empty cloud.
         notes: For each scan, what a reader of the result must know (substitutions, oddities).
+        grounds: For each scan, the plane whose points were taken out, or why none was, m.
     """
 
     cells: PointClouds
@@ -43,6 +45,7 @@ class PreparedScans:
     spacing: torch.Tensor
     cell_size: torch.Tensor
     notes: tuple[tuple[str, ...], ...] = field(default=())
+    grounds: tuple[Plane | NoGround, ...] = field(default=())
 
     def __len__(self) -> int:
         """B."""
@@ -67,6 +70,7 @@ class PreparedScans:
             spacing=self.spacing[rows],
             cell_size=self.cell_size[rows],
             notes=tuple(self.notes[index] for index in indices),
+            grounds=tuple(self.grounds[index] for index in indices),
         )
 
     def moved(self, transforms: torch.Tensor) -> PreparedScans:

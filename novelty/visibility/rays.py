@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -17,6 +18,10 @@ REACH = 1.0
 """A ray speaks for a point when it passes within this many typical gaps between neighbouring rays."""
 
 
+MAX_STATIONS = 16
+"""A scan taken from more places than these is one of a moving sensor, whose single rays are too few to ask."""
+
+
 class Sight(IntEnum):
     """What another scan knows of a point in space."""
 
@@ -24,6 +29,10 @@ class Sight(IntEnum):
     SEEN_THROUGH = 1
     HIDDEN = 2
     SURFACE = 3
+
+
+STRONGEST = (Sight.SEEN_THROUGH, Sight.SURFACE, Sight.HIDDEN)
+"""Of several stations' sights of one point the first that occurs counts: what was free once is new when filled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,3 +99,33 @@ class Rays:
         near = np.isfinite(chords)  # (M, NEIGHBOURS)
         ranges = self.ranges[np.where(near, rows, 0)]
         return np.where(near, ranges, np.inf).min(axis=1), np.where(near, ranges, -np.inf).max(axis=1)
+
+
+def stations_of(returns: NDArray[np.float64], origins: NDArray[np.float64] | None) -> tuple[Rays, ...]:
+    """The rays of a scan from each place where its sensor stood; none where that is not known, or it moved.
+
+    Args:
+        returns: (N, 3) what the rays met, m.
+        origins: (3,), or (N, 3) for each return; None when unknown.
+    """
+    if origins is None:
+        return ()
+    if origins.ndim == 1:
+        return (Rays.of(returns, origins),)
+    if len(np.unique(origins[:: max(1, len(origins) // 1000)], axis=0)) > MAX_STATIONS:
+        return ()
+    places, station = np.unique(origins, axis=0, return_inverse=True)
+    if len(places) > MAX_STATIONS:
+        return ()
+    return tuple(Rays.of(returns[station == row], place) for row, place in enumerate(places))
+
+
+def joint_sights(
+    stations: Sequence[Rays], points: NDArray[np.float64], tolerance: float
+) -> NDArray[np.uint8]:
+    """What all stations together know of every point (M, 3), see `Rays.sights`; `Sight`, uint8 (M,)."""
+    seen = np.stack([rays.sights(points, tolerance) for rays in stations])  # (stations, M)
+    joint = np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
+    for sight in reversed(STRONGEST):
+        joint[(seen == sight).any(axis=0)] = sight
+    return joint

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -15,7 +16,7 @@ from novelty.preprocess import PreparedScans
 from novelty.result import PointState
 from novelty.section import section
 from novelty.segment import SegmentedPoints
-from novelty.visibility.rays import Rays, Sight
+from novelty.visibility.rays import Rays, Sight, joint_sights, stations_of
 
 LEAST_SEEN = 0.2
 """A group must have been seen through in at least this share of all its points to be novel as a whole."""
@@ -63,8 +64,8 @@ def judge(
     Args:
         segmented: Labels of the B scans.
         scans: The B scans labelled.
-        others: The B scans they were compared with, in the same frame. Where one has no single known origin the
-            labels stay as they are.
+        others: The B scans they were compared with, in the same frame. Where it is not known from which places one
+            was taken, or its sensor moved, the labels stay as they are.
         resolution: (B,) m, range below which two scans of one surface cannot be told apart.
         settings: How to judge.
     """
@@ -81,11 +82,11 @@ def judge(
         resolution.tolist(),
         strict=True,
     )
-    for points, novel, group, state, returns, origin, length in parts:
-        if origin is None or origin.ndim != 1 or not novel.any():
+    for points, novel, group, state, returns, origins, length in parts:
+        stations = stations_of(returns, origins) if novel.any() else ()
+        if not stations:
             continue
-        rays = Rays.of(returns, origin)
-        verdict = _verdict(points[novel].numpy(), group[novel].numpy(), rays, length, settings)
+        verdict = _verdict(points[novel].numpy(), group[novel].numpy(), stations, length, settings)
         state[novel] = torch.from_numpy(verdict)
     return replace(segmented, states=states)
 
@@ -93,11 +94,11 @@ def judge(
 def blind_notes(reference: PreparedScans, current: PreparedScans) -> list[tuple[str, ...]]:
     """For each pair, what cannot be told for want of an origin, and what to do about it."""
     notes: list[tuple[str, ...]] = []
-    for origins in zip(reference.origins, current.origins, strict=True):
+    for row in range(len(reference)):
         roles = [
             role
-            for role, origin in zip(("reference", "current"), origins, strict=True)
-            if origin is None or origin.ndim != 1
+            for role, scans in (("reference", reference), ("current", current))
+            if not stations_of(scans.returns[row], scans.origins[row])
         ]
         if not roles:
             notes.append(())
@@ -115,7 +116,7 @@ def blind_notes(reference: PreparedScans, current: PreparedScans) -> list[tuple[
 def _verdict(
     points: NDArray[np.float64],
     groups: NDArray[np.int64],
-    other: Rays,
+    others: Sequence[Rays],
     resolution: float,
     settings: Visibility,
 ) -> NDArray[np.uint8]:
@@ -125,7 +126,7 @@ def _verdict(
     a whole: its parts in shadow belong to the same thing. In other groups every point stands for itself, and one that
     lies on a surface the other scan measured is unchanged after all.
     """
-    sights = other.sights(points, settings.tolerance * resolution)
+    sights = joint_sights(others, points, settings.tolerance * resolution)
     _, group = np.unique(groups, return_inverse=True)
     size = np.bincount(group)
     through = np.bincount(group, sights == Sight.SEEN_THROUGH)
