@@ -14,17 +14,18 @@ from gmmtorch import FitResult, Status
 from novelty.clusters import novel_clusters
 from novelty.detectors import Comparison, ComponentNovelty, PointNovelty
 from novelty.fitting import Models
-from novelty.objects import group_objects
+from novelty.objects import Move, Things, describe_objects, find_moves, mark_moves, number_objects
 from novelty.preprocess import PreparedPairs, PreparedScans, metres_per
 from novelty.registration import Registrations
 from novelty.result import Change, ComponentRecord, NoveltyResult, PointState, ResultStatus
 from novelty.scan import Scan, ScanPair
 from novelty.segment import SegmentedPoints
+from novelty.visibility.rays import Rays
 
 
 @dataclass(frozen=True, eq=False)
 class PairOutcome:
-    """Everything known about P pairs after the last stage."""
+    """Everything known about P pairs after the last stage; `up` is the direction away from the ground."""
 
     batch: PreparedPairs
     registrations: Registrations
@@ -33,6 +34,7 @@ class PairOutcome:
     added: SegmentedPoints
     removed: SegmentedPoints
     notes: Sequence[tuple[str, ...]]
+    up: tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,12 @@ def _pair_result(
     row: int, pair: ScanPair, added: _Side, removed: _Side, outcome: PairOutcome, metres: float
 ) -> NoveltyResult:
     comparison = outcome.comparison
-    changes = [_change(row, pair.current, added, metres), _change(row, pair.reference, removed, metres)]
+    changes = mark_moves(
+        _change(row, pair.current, added, metres),
+        _change(row, pair.reference, removed, metres),
+        _moves(row, added, removed, outcome),
+        metres,
+    )
     notes = [
         *_notes("reference", row, removed),
         *_notes("current", row, added),
@@ -107,6 +114,24 @@ def _pair_result(
     )
 
 
+def _moves(row: int, added: _Side, removed: _Side, outcome: PairOutcome) -> list[Move]:
+    resolution = outcome.batch.resolution(outcome.registrations.residual)[row]
+    return find_moves(_things(row, removed), _things(row, added), float(resolution), outcome.up)
+
+
+def _things(row: int, side: _Side) -> Things:
+    """The objects of one scan in the common frame, numbered as in `Change.objects`."""
+    split = side.scans.points.split
+    points = split(side.scans.points.points)[row].numpy()
+    objects = number_objects(split(side.groups)[row].numpy())
+    origin = side.scans.origins[row]
+    fixed = origin is not None and origin.ndim == 1
+    return Things(
+        points=tuple(points[objects == index] for index in range(objects.max(initial=-1) + 1)),
+        rays=Rays.of(side.scans.returns[row], origin) if fixed else None,
+    )
+
+
 def _change(row: int, scan: Scan, side: _Side, metres: float) -> Change:
     kept = side.scans.kept[row]
     split = side.scans.points.split
@@ -121,17 +146,19 @@ def _change(row: int, scan: Scan, side: _Side, metres: float) -> Change:
     point_components = scatter(side.points.components, -1)
     point_scores = scatter(side.points.scores, np.nan)
     components = _component_records(row, side, metres)
+    point_objects = number_objects(scatter(side.groups, -1))
     return Change(
         point_labels=(states == PointState.NOVEL) | (states == PointState.MOVED),
         point_scores=point_scores,
         point_states=states,
         point_components=point_components,
+        point_objects=point_objects,
         components=components,
-        objects=group_objects(
+        objects=describe_objects(
             scan.points,
+            point_objects,
             point_components,
             point_scores,
-            scatter(side.groups, -1),
             components,
             side.points.overlaps[row].numpy(),
             side.kind,

@@ -116,7 +116,9 @@ def compare_prepared(
         removed = _segment(batch.exchanged(), models.exchanged(), comparison.removed, registrations, config)
     with clock.stage("objects"):
         notes = blind_notes(batch.reference, batch.current) if _asks_visibility(config) else [()] * len(pairs)
-        outcome = PairOutcome(batch, registrations, models, comparison, added, removed, notes)
+        outcome = PairOutcome(
+            batch, registrations, models, comparison, added, removed, notes, config.preprocess.up
+        )
         results = assemble(pairs, outcome, config.unit)
     timings = {stage: seconds / len(pairs) for stage, seconds in clock.seconds.items()}
     return [replace(result, timings=timings) for result in results]

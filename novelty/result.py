@@ -66,7 +66,7 @@ class ObjectRecord:
 
     Attributes:
         index: Its place in `Change.objects`.
-        kind: `added` or `removed`.
+        kind: `added`, `removed`, or `moved` when it is the same thing as an object of the other scan.
         components: Rows of the components in the mixture that its points belong to.
         neighbours: Other objects that share responsibilities with it (section 2.4.1), by index.
         num_points: Points of the scan that belong to it.
@@ -74,8 +74,11 @@ class ObjectRecord:
         extent: (3,) edge lengths of its oriented box, longest first.
         rotation: (3, 3), the columns are the box's axes.
         center: (3,) centre of the box.
-        score: Highest score of its components, NaN where points were judged without components.
-        p_value: Least p-value of its components, NaN where the detector has none.
+        score: Highest score of its components; the median of its points' scores where there are no components.
+        p_value: Least p-value of its components times their number (Bonferroni), NaN where the detector has none.
+        counterpart: The same thing in the other scan, a place in the other `Change.objects`; -1 unless moved.
+        motion: (4, 4) from its place in the reference scan to its place in the current one, both in the frame of the
+            reference scan (the poses as registration left them); None unless moved.
     """
 
     index: int
@@ -89,6 +92,8 @@ class ObjectRecord:
     center: NDArray[np.float64]
     score: float
     p_value: float
+    counterpart: int = -1
+    motion: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,14 +107,16 @@ class Change:
         point_scores: float64 (N,), higher = more novel; NaN where not examined.
         point_states: uint8 (N,), see `PointState`.
         point_components: int64 (N,), most probable component, -1 where not examined or judged without components.
+        point_objects: int64 (N,), object that each point belongs to, -1 for points that are not novel.
         components: All components of the scan's mixture.
-        objects: The novel ones, grouped.
+        objects: The novel points, grouped.
     """
 
     point_labels: NDArray[np.bool_]
     point_scores: NDArray[np.float64]
     point_states: NDArray[np.uint8]
     point_components: NDArray[np.int64]
+    point_objects: NDArray[np.int64]
     components: tuple[ComponentRecord, ...]
     objects: tuple[ObjectRecord, ...]
 
@@ -121,6 +128,7 @@ class Change:
             point_scores=np.full(num_points, np.nan),
             point_states=np.full(num_points, PointState.NOT_EXAMINED, dtype=np.uint8),
             point_components=np.full(num_points, -1, dtype=np.int64),
+            point_objects=np.full(num_points, -1, dtype=np.int64),
             components=(),
             objects=(),
         )

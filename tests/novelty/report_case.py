@@ -88,6 +88,7 @@ def _change(scan, kind, changed):
         point_scores=np.where(finite, novel * 4.0, np.nan),
         point_states=states,
         point_components=component.astype(np.int64),
+        point_objects=np.where(novel, 0, -1),
         components=components,
         objects=(_object(scan.points[novel], kind),) if changed else (),
     )

@@ -3,63 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from novelty.objects.box import OrientedBox
 from novelty.result import ComponentRecord, ObjectRecord
 
 ADJACENT = 0.001
 """Two objects are neighbours when a component of one shares at least this part with a component of the other."""
 
 
-@dataclass(frozen=True, eq=False)
-class OrientedBox:
-    """A box: `center` (3,), `extent` (3,) longest edge first, `rotation` (3, 3) with the box's axes as columns."""
-
-    center: NDArray[np.float64]
-    extent: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-
-    @classmethod
-    def around(cls, points: NDArray[np.float64]) -> OrientedBox:
-        """The box of points (N, 3), N >= 1, along their principal axes."""
-        mean = points.mean(axis=0)
-        _, axes = np.linalg.eigh((points - mean).T @ (points - mean))
-        axes = axes[:, np.argsort(-np.ptp((points - mean) @ axes, axis=0), kind="stable")]
-        if np.linalg.det(axes) < 0:
-            axes[:, 2] = -axes[:, 2]
-        along = (points - mean) @ axes  # (N, 3)
-        middle = (along.min(axis=0) + along.max(axis=0)) / 2
-        return cls(center=mean + axes @ middle, extent=np.ptp(along, axis=0), rotation=axes)
+def number_objects(groups: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number the groups of novel points (N,) by their size, the largest is object 0; -1 stays -1."""
+    novel = groups >= 0
+    if not novel.any():
+        return np.full_like(groups, -1)
+    order = np.argsort(-np.bincount(groups[novel]), kind="stable")
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    return np.where(novel, rank[groups], -1)
 
 
-def group_objects(
+def describe_objects(
     points: NDArray[np.float64],
+    point_objects: NDArray[np.int64],
     point_components: NDArray[np.int64],
     point_scores: NDArray[np.float64],
-    groups: NDArray[np.int64],
     components: Sequence[ComponentRecord],
     overlaps: NDArray[np.float64],
     kind: str,
 ) -> tuple[ObjectRecord, ...]:
-    """Turn the groups of novel points of one scan into objects, largest first.
+    """Say of every object of one scan what it is, in the order of their numbers.
 
     Args:
         points: (N, 3) points of the scan as given.
+        point_objects: (N,) object of every point, -1 where it is not novel; see `number_objects`.
         point_components: (N,) component of every point, -1 without one.
         point_scores: (N,) score of every point, NaN where not examined.
-        groups: (N,) number of the group of novel points in contact, -1 where not novel; see `novel_clusters`.
         components: Every component of the scan's mixture.
         overlaps: (K, K) shared responsibilities, see `SegmentedPoints.overlaps`.
         kind: `added` or `removed`.
     """
-    novel = np.flatnonzero(groups >= 0)
-    if not len(novel):
-        return ()
-    sizes = np.bincount(groups[novel])
-    members = [novel[groups[novel] == group] for group in np.argsort(-sizes, kind="stable") if sizes[group]]
+    members = [np.flatnonzero(point_objects == index) for index in range(point_objects.max(initial=-1) + 1)]
     owners = [_components_of(point_components[member]) for member in members]
     return tuple(
         _record(
@@ -112,6 +98,6 @@ def _record(
         extent=box.extent,
         rotation=box.rotation,
         center=box.center,
-        score=max((record.score for record in own), default=float("nan")),
+        score=max((record.score for record in own), default=score),
         p_value=min(1.0, len(p_values) * min(p_values)) if p_values else float("nan"),
     )
