@@ -1,0 +1,8 @@
+"""Stored models of a place: made from one scan, compared with later ones, kept up to date by them."""
+
+from novelty.maps.build import fit
+from novelty.maps.compare import detect_against
+from novelty.maps.scene_map import SceneMap
+from novelty.maps.storage import is_map
+
+__all__ = ["SceneMap", "detect_against", "fit", "is_map"]
