@@ -20,7 +20,7 @@ from novelty.registration import Registrations
 from novelty.result import Change, ComponentRecord, NoveltyResult, PointState, ResultStatus
 from novelty.scan import Scan, ScanPair
 from novelty.segment import SegmentedPoints
-from novelty.visibility.rays import Rays
+from novelty.visibility import stations_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,11 +124,9 @@ def _things(row: int, side: _Side) -> Things:
     split = side.scans.points.split
     points = split(side.scans.points.points)[row].numpy()
     objects = number_objects(split(side.groups)[row].numpy())
-    origin = side.scans.origins[row]
-    fixed = origin is not None and origin.ndim == 1
     return Things(
         points=tuple(points[objects == index] for index in range(objects.max(initial=-1) + 1)),
-        rays=Rays.of(side.scans.returns[row], origin) if fixed else None,
+        stations=stations_of(side.scans.returns[row], side.scans.origins[row]),
     )
 
 

@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 
 from novelty.objects.box import OrientedBox
 from novelty.objects.rigid import Overlays, overlay
-from novelty.visibility.rays import Rays, Sight
+from novelty.visibility.rays import Rays, Sight, joint_sights
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,9 @@ TOLERANCE = 1.5
 
 FINEST, COARSEST = 2.0, 0.06
 """Bounds of that distance: this many resolutions of the pair, and this part of the object's longest edge."""
+
+SEEN_THROUGH = 3.0
+"""A place was empty when the other scan's rays went on for more than this many resolutions behind it."""
 
 TURN_STEP = 15.0
 """Starts turn the object about the vertical in steps of this, degrees."""
@@ -79,11 +82,11 @@ class Things:
 
     Attributes:
         points: For each object its points, (n, 3) m.
-        rays: What the sensor of this scan saw; None without an origin.
+        stations: What this scan saw from each place of its sensor; empty where these are not known.
     """
 
     points: tuple[Array, ...]
-    rays: Rays | None
+    stations: tuple[Rays, ...]
 
 
 def find_moves(
@@ -139,7 +142,9 @@ def _best_move(pair: tuple[int, int], removed: Things, added: Things, resolution
     tolerances = [_tolerance(points, resolution) for points in (source, target)]
     overlays = _overlays(source, target, max(tolerances), up)
     agreements = [
-        _agreement(index, overlays, (source, target), (removed.rays, added.rays), tolerances, resolution)
+        _agreement(
+            index, overlays, (source, target), (removed.stations, added.stations), tolerances, resolution
+        )
         for index in range(len(overlays.shifts))
     ]
     best = int(np.argmax(agreements))
@@ -201,7 +206,7 @@ def _agreement(
     index: int,
     overlays: Overlays,
     points: tuple[Array, Array],
-    rays: tuple[Rays | None, Rays | None],
+    stations: tuple[tuple[Rays, ...], tuple[Rays, ...]],
     tolerances: list[float],
     resolution: float,
 ) -> float:
@@ -212,15 +217,17 @@ def _agreement(
     # A point finds a partner within the gaps of the other's points.
     lying = overlays.gaps[index].numpy() < tolerances[1], overlays.back_gaps[index].numpy() < tolerances[0]
     against = [
-        _contradicts(place, on, sight, resolution)
-        for place, on, sight in zip((moved, back), lying, (rays[1], rays[0]), strict=True)
+        _contradicts(place, on, others, resolution)
+        for place, on, others in zip((moved, back), lying, (stations[1], stations[0]), strict=True)
     ]
     return float(max(on.mean() for on in lying) - max(against))
 
 
-def _contradicts(places: Array, lying: NDArray[np.bool_], rays: Rays | None, resolution: float) -> float:
+def _contradicts(
+    places: Array, lying: NDArray[np.bool_], stations: tuple[Rays, ...], resolution: float
+) -> float:
     """Twice the share of places off the thing that the scan saw to be empty; without rays, those off the thing."""
-    if rays is None:
+    if not stations:
         return float((~lying).mean())
-    empty = rays.sights(places, 3 * resolution) == Sight.SEEN_THROUGH
+    empty = joint_sights(stations, places, SEEN_THROUGH * resolution) == Sight.SEEN_THROUGH
     return 2 * float((~lying & empty).mean())

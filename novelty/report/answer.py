@@ -13,15 +13,19 @@ def headline(result: NoveltyResult) -> str:
         return "No answer"
     if not result.changed:
         return "No change found"
-    added, removed = len(result.added.objects), len(result.removed.objects)
-    if not added and not removed:
+    kinds = [record.kind for record in (*result.added.objects, *result.removed.objects)]
+    # A moved object stands on both sides.
+    counts = {
+        "moved": kinds.count("moved") // 2,
+        "added": kinds.count("added"),
+        "removed": kinds.count("removed"),
+    }
+    parts = [f"{count} {kind}" for kind, count in counts.items() if count]
+    if not parts:
         return "Changed"
-    parts = []
-    if added:
-        parts.append(f"{_objects(added)} added")
-    if removed:
-        parts.append(f"{removed if added else _objects(removed)} removed")
-    return f"Changed: {', '.join(parts)}"
+    first, *others = parts
+    count, kind = first.split()
+    return f"Changed: {', '.join([f'{_objects(int(count))} {kind}', *others])}"
 
 
 def evidence(result: NoveltyResult) -> str:

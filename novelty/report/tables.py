@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from novelty.evaluation import METRICS, LabelledScores
-from novelty.result import Change, NoveltyResult, PointState
+from novelty.result import Change, NoveltyResult, ObjectRecord, PointState
 from novelty.scan import ScanPair
 
 
@@ -48,24 +48,46 @@ class Table:
 
 
 def object_table(result: NoveltyResult, unit: str) -> Table:
-    """The objects of both directions, largest first."""
-    names = (f"extent [{unit}]", f"centroid [{unit}]", "points", "score", "p-value", "components")
-    objects = sorted([*result.added.objects, *result.removed.objects], key=lambda record: -record.num_points)
+    """The objects of both directions, largest first; one that was moved stands where it is now, with its way."""
+    gone = [record for record in result.removed.objects if record.kind != "moved"]
+    objects = sorted([*result.added.objects, *gone], key=lambda record: -record.num_points)
     with_p_value = any(not math.isnan(record.p_value) for record in objects)
-    columns = tuple(Column(name) for name in names if name != "p-value" or with_p_value)
+    with_motion = any(record.motion is not None for record in objects)
+    names = {
+        f"extent [{unit}]": True,
+        f"centroid [{unit}]": True,
+        f"moved by [{unit}]": with_motion,
+        "points": True,
+        "score": True,
+        "p-value": with_p_value,
+        "components": True,
+    }
+    shown = list(names.values())
     rows = []
     for record in objects:
-        cells = [
-            f"{record.kind} {record.index}",
+        cells = (
             by_edges(record.extent),
             as_point(record.centroid),
+            _way(record, result.removed.objects),
             thousands(record.num_points),
             number(record.score),
-            *([number(record.p_value)] if with_p_value else []),
+            number(record.p_value),
             ", ".join(str(k) for k in record.components),
-        ]
-        rows.append(Row(tuple(cells), record.kind))
+        )
+        kept = [cell for cell, wanted in zip(cells, shown, strict=True) if wanted]
+        rows.append(Row((f"{record.kind} {record.index}", *kept), record.kind))
+    columns = (Column(name) for name, wanted in names.items() if wanted)
     return Table((Column("object", numeric=False), *columns), tuple(rows))
+
+
+def _way(record: ObjectRecord, others: Sequence[ObjectRecord]) -> str:
+    """How far a moved object's middle went, and by how much it was turned."""
+    if record.motion is None:
+        return ""
+    turn, shift = record.motion[:3, :3], record.motion[:3, 3]
+    before = others[record.counterpart].centroid
+    angle = math.degrees(math.acos(min(1.0, max(-1.0, (np.trace(turn) - 1) / 2))))
+    return f"{_length(float(np.linalg.norm(turn @ before + shift - before)))}, {angle:.0f}°"
 
 
 def component_table(change: Change, unit: str) -> Table:

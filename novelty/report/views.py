@@ -190,23 +190,27 @@ def _ellipsoid(record: ComponentRecord, kind: str, colour: str, frame: Frame) ->
 
 
 def _boxes(records: Sequence[ObjectRecord], kind: str, colour: str, frame: Frame) -> list[dict[str, Any]]:
-    if not records:
-        return []
-    outlines = [_outline(record) - frame.shift for record in records[:MAX_BOXES]]
-    numbers = np.repeat([record.index for record in records[:MAX_BOXES]], len(outlines[0]))
-    return [
-        {
-            "type": "scatter3d",
-            "mode": "lines",
-            **_xyz(np.concatenate(outlines)),
-            "customdata": _packed(numbers, "i4"),
-            "line": {"color": colour, "width": 3},
-            "name": "object boxes",
-            "legendgroup": "object boxes",
-            "hovertemplate": f"object: {kind} %{{customdata}}<extra></extra>",
-            "meta": {"layer": "objects"},
-        }
-    ]
+    """The boxes of the largest objects; those of moved ones apart, in their own colour."""
+    drawn = records[:MAX_BOXES]
+    colours = {kind: colour, "moved": STATES[PointState.MOVED].colour}
+    groups = {name: [record for record in drawn if record.kind == name] for name in colours}
+    return [_box_trace(some, name, colours[name], frame) for name, some in groups.items() if some]
+
+
+def _box_trace(records: Sequence[ObjectRecord], kind: str, colour: str, frame: Frame) -> dict[str, Any]:
+    outlines = [_outline(record) - frame.shift for record in records]
+    numbers = np.repeat([record.index for record in records], len(outlines[0]))
+    return {
+        "type": "scatter3d",
+        "mode": "lines",
+        **_xyz(np.concatenate(outlines)),
+        "customdata": _packed(numbers, "i4"),
+        "line": {"color": colour, "width": 3},
+        "name": "object boxes",
+        "legendgroup": "object boxes",
+        "hovertemplate": f"object: {kind} %{{customdata}}<extra></extra>",
+        "meta": {"layer": "objects"},
+    }
 
 
 def _outline(record: ObjectRecord) -> NDArray[np.float64]:
