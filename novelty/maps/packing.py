@@ -1,7 +1,8 @@
 """Cells, rays and mixtures as small arrays.
 
-Centres of cells keep float32 about the middle of the map, a hundredth of a millimetre in a hall. Spreads keep float16 by their factors L, S = L L^T: these stay positive whatever the rounding, and hold a thin wall's thickness as
-precisely as its width.
+Centres of cells keep float32 about the middle of the map, a hundredth of a millimetre in a hall. Spreads keep float16
+by their factors L, S = L L^T: these stay positive whatever the rounding, and hold a thin wall's thickness as precisely
+as its width.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -90,7 +90,7 @@ class SceneMap:
             grounds=(self.ground,),
         )
 
-    def save(self, path: str | PathLike[str]) -> None:
+    def save(self, path: str | Path) -> None:
         """Write a safetensors file, all at once or not at all.
 
         Raises:
@@ -111,7 +111,7 @@ class SceneMap:
         )
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> SceneMap:
+    def load(cls, path: str | Path) -> SceneMap:
         """Read a file that `save` wrote.
 
         Raises:

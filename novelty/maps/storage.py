@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ LONGEST_HEADER = 100_000_000
 Arrays = dict[str, NDArray[Any]]
 
 
-def save_arrays(path: str | PathLike[str], arrays: Arrays, record: Mapping[str, Any]) -> None:
+def save_arrays(path: str | Path, arrays: Arrays, record: Mapping[str, Any]) -> None:
     """Write the arrays and the record of a map, all at once or not at all.
 
     Raises:
@@ -47,7 +46,7 @@ def save_arrays(path: str | PathLike[str], arrays: Arrays, record: Mapping[str, 
         save_file(arrays, temporary, metadata=metadata)
 
 
-def load_arrays(path: str | PathLike[str]) -> tuple[Arrays, dict[str, Any]]:
+def load_arrays(path: str | Path) -> tuple[Arrays, dict[str, Any]]:
     """Read what `save_arrays` wrote.
 
     Raises:
@@ -77,7 +76,7 @@ def load_arrays(path: str | PathLike[str]) -> tuple[Arrays, dict[str, Any]]:
     return arrays, json.loads(record)
 
 
-def is_map(path: str | PathLike[str]) -> bool:
+def is_map(path: str | Path) -> bool:
     """Whether a file is a safetensors file, by its extension or its first bytes; it may still be no map."""
     file = Path(path)
     if file.suffix.lower() == ".safetensors":

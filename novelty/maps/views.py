@@ -6,6 +6,7 @@ end on surfaces, which a few large cells follow; drawn from these, they are as m
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +16,19 @@ from numpy.typing import NDArray
 from gmmtorch import PointClouds
 from novelty.maps.drawing import draw_points
 from novelty.preprocess.simplify import Scale, simplify
-from novelty.visibility import Rays
+from novelty.visibility import Rays, Sight, joint_sights
 
 CELL_SIZE = 40
 """Rays that may end in one cell."""
 
 MAX_VIEWS = 4
 """Places from which a map remembers what could be seen; the oldest are forgotten first."""
+
+SAME_PLACE = 0.05
+"""Two stations see the same when they are nearer than this share of the typical range."""
+
+TOLERANCE = 3.0
+"""An end has gone when rays pass it by more than this many resolutions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,3 +54,35 @@ class View:
         """Where the rays ended, (N, 3) m, drawn from the cells."""
         drawn: NDArray[np.float64] = draw_points(self.ends)[0].points.numpy()
         return drawn
+
+
+def renewed_views(views: Sequence[View], stations: Sequence[Rays], resolution: float) -> tuple[View, ...]:
+    """The views after a new scan from `stations`, at most `MAX_VIEWS`, the latest last.
+
+    Ends of old rays behind which the new scan saw are dropped: what they met has gone. A view is replaced by one from
+    the same place.
+
+    Args:
+        views: The views so far.
+        stations: Rays of the new scan, in the same frame.
+        resolution: Length below which two scans of one surface cannot be told apart, m.
+    """
+    if not stations:
+        return tuple(views)
+    elsewhere = [view for view in views if not any(_same_place(view, rays) for rays in stations)]
+    kept = [_without_gone(view, stations, resolution) for view in elsewhere]
+    return (*kept, *(View.of(rays) for rays in stations))[-MAX_VIEWS:]
+
+
+def _same_place(view: View, rays: Rays) -> bool:
+    apart = float(np.linalg.norm(view.origin - rays.origin))
+    return apart <= SAME_PLACE * float(np.median(rays.ranges)) if len(rays.ranges) else False
+
+
+def _without_gone(view: View, stations: Sequence[Rays], resolution: float) -> View:
+    ends = view.ends
+    assert ends.spreads is not None
+    sights = joint_sights(stations, ends.points.numpy(), TOLERANCE * resolution)
+    stays = torch.from_numpy(sights != Sight.SEEN_THROUGH)
+    kept = PointClouds(ends.points[stays], ends.weights[stays], ends.spreads[stays], (0, int(stays.sum())))
+    return View(view.origin, kept)
