@@ -177,15 +177,25 @@ def _tolerance(points: Array, resolution: float) -> float:
 
 def _overlays(source: Array, target: Array, tolerance: float, up: Array) -> Overlays:
     """Motions of `source` onto `target`: many starts on few points, the best of them on all points."""
-    coarse = [torch.from_numpy(_thinned(points, COARSE_POINTS)) for points in (source, target)]
     boxes = [OrientedBox.around(points) for points in (source, target)]
     rotations = np.concatenate([_turns_about(up), _between(*boxes)])
     shifts = boxes[1].center - rotations @ boxes[0].center
     first = overlay(
-        *coarse, torch.from_numpy(rotations), torch.from_numpy(shifts), 2 * tolerance, COARSE_STEPS
+        torch.from_numpy(_thinned(source, COARSE_POINTS)),
+        torch.from_numpy(_thinned(target, COARSE_POINTS)),
+        torch.from_numpy(rotations),
+        torch.from_numpy(shifts),
+        2 * tolerance,
+        COARSE_STEPS,
     ).best(KEPT_STARTS, 1.5 * tolerance)
-    fine = (torch.from_numpy(points) for points in (source, target))
-    return overlay(*fine, first.rotations, first.shifts, 2 * tolerance, FINE_STEPS)
+    return overlay(
+        torch.from_numpy(source),
+        torch.from_numpy(target),
+        first.rotations,
+        first.shifts,
+        2 * tolerance,
+        FINE_STEPS,
+    )
 
 
 def _turns_about(up: Array) -> Array:
