@@ -27,8 +27,31 @@ def commented_yaml(config: Config | None = None) -> str:
     return HEADER + "\n".join(_lines(Config, config.to_mapping(), indent="")) + "\n"
 
 
+def changed_yaml(config: Config, header: str = "") -> str:
+    """Only the settings that differ from the defaults, and the detector's name, each under its comment.
+
+    Args:
+        config: The settings to write.
+        header: Comment lines that stand first.
+    """
+    changed = {"detector": config.detector} | _changes(config.to_mapping(), Config().to_mapping())
+    return header + "\n".join(_lines(Config, changed, indent="")) + "\n"
+
+
+def _changes(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that differ, nested as they were."""
+    changed = {}
+    for key, value in values.items():
+        default = defaults[key]
+        if value != default:
+            changed[key] = _changes(value, default) if isinstance(value, dict) else value
+    return changed
+
+
 def _lines(cls: type[Any], values: Mapping[str, Any], indent: str) -> Iterator[str]:
     for key, info in section_fields(cls).items():
+        if key not in values:
+            continue
         value = values[key]
         if isinstance(value, dict):
             yield ""

@@ -112,8 +112,8 @@ def compare_prepared(
         comparison = detector.compare(batch, models)
     # Algorithm 2, line 10: the points of those components; then what lies inside them and behind them.
     with clock.stage("segment"):
-        added = _segment(batch, models, comparison.added, registrations, config)
-        removed = _segment(batch.exchanged(), models.exchanged(), comparison.removed, registrations, config)
+        added = segment_current(batch, models, comparison.added, registrations, config)
+        removed = segment_current(batch.exchanged(), models.exchanged(), comparison.removed, registrations, config)
     with clock.stage("objects"):
         notes = blind_notes(batch.reference, batch.current) if _asks_visibility(config) else [()] * len(pairs)
         outcome = PairOutcome(
@@ -124,7 +124,7 @@ def compare_prepared(
     return [replace(result, timings=timings) for result in results]
 
 
-def _segment(
+def segment_current(
     batch: PreparedPairs,
     models: Models,
     novelty: ComponentNovelty | PointNovelty,

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from novelty import __version__
+from novelty.cli.calibrate import calibrate
 from novelty.cli.demo import demo
 from novelty.cli.detect import detect
 from novelty.cli.doctor import doctor
@@ -33,7 +34,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (detect, evaluate, demo, simulate, doctor):
+for command in (detect, evaluate, calibrate, demo, simulate, doctor):
     app.command()(command)
 
 
