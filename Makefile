@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 OPEN3D_LIBRARIES := libGL.so.1 libEGL.so.1 libX11.so.6 libusb-1.0.so.0 libudev.so.1 libidn2.so.0 libgomp.so.1
 OPEN3D_PACKAGES := libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1
 
-.PHONY: help setup system-libraries demo test test-all lint format bench bench-engine bench-accuracy clean
+.PHONY: help setup system-libraries demo test test-all test-more lint format bench bench-engine bench-accuracy clean
 
 help:
 	@echo "make demo       set up, simulate two scans of a corridor, find what changed, write the report"
@@ -13,6 +13,7 @@ help:
 	@echo "make test-all   the slow tests and those on real scans (NOVELTY_DATA) as well"
 	@echo "make lint       ruff (lint and format) and mypy"
 	@echo "make bench      the benchmarks (pytest-benchmark)"
+	@echo "make bench-engine    the engine beside oneDAL, scikit-learn and gmcluster, in one table"
 	@echo "make bench-accuracy  how well changes are found, in seven tables (ARGS='--table mosd --seeds 2' for a part)"
 
 setup: $(VENV)/.installed
@@ -36,10 +37,14 @@ demo: setup
 	$(BIN)/novelty demo --out demo-output
 
 test: setup
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 test-all: setup
-	$(BIN)/python -m pytest -m "slow or data or not slow"
+	$(BIN)/python -m pytest -n auto -m "slow or data or not slow"
+
+# What `make test` leaves out: CI runs it after `make test`.
+test-more: setup
+	$(BIN)/python -m pytest -n auto -m "slow or data"
 
 lint: setup
 	$(BIN)/ruff check .
@@ -51,7 +56,11 @@ format: setup
 	$(BIN)/ruff format .
 
 bench: setup
-	$(BIN)/python -m pytest benchmarks -m "" --benchmark-only
+	$(BIN)/python -m pytest benchmarks -o python_files="bench_*.py" -m "" --benchmark-only --benchmark-columns=median,iqr,rounds $(ARGS)
+
+bench-engine: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
+	$(BIN)/python -m benchmarks.engine $(ARGS)
 
 bench-accuracy: setup
 	$(BIN)/python -m benchmarks.accuracy $(ARGS)
