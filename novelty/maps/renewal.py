@@ -14,10 +14,11 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from gmmtorch import PointClouds
+import gmmtorch
+from gmmtorch import FitResult, MixtureModel, PointClouds
 from novelty.config import Config
 from novelty.errors import InputError
-from novelty.fitting import FitPlan, fit_scans
+from novelty.fitting import _fitted_clouds as fitted_clouds
 from novelty.maps.compare import compare, most_common
 from novelty.maps.scene_map import SceneMap
 from novelty.maps.views import View, renewed_views
@@ -27,11 +28,14 @@ from novelty.result import NoveltyResult, PointState
 from novelty.scan import Scan
 from novelty.visibility import Rays, stations_of
 
-DENSER = 0.75
+DENSER = 0.7
 """The scan's cells replace the map's where they are smaller than this share of them."""
 
-NEIGHBOURS = 8
+NEIGHBOURS = 16
 """Cells whose mean extent tells how densely a place was measured."""
+
+FADED = 1e-6
+"""What is left of the old evidence beside the cells: they are all the evidence, the old mixture only a start."""
 
 MISFITS = (RegistrationStatus.LOW_OVERLAP, RegistrationStatus.NOT_CONVERGED)
 """What registration says of a scan of another place, or one whose pose is far off."""
@@ -82,12 +86,14 @@ def update(scene_map: SceneMap, scan: Scan, config: Config | None = None) -> Map
     unknown = found != PointState.UNCHANGED
     replaced, refining = _denser(scene_map.cells, current.cells, ~gone, ~unknown)
     kept, taken = ~gone & ~replaced, unknown | refining
-    # The mixture of all of them, its order chosen anew (Algorithm 1).
     renewed = _joined(scene_map, current, kept, taken)
-    renewed = replace(renewed, views=_views(scene_map, current, stations, result))
-    plan = FitPlan(renewed.config.fit, renewed.config.max_components, renewed.config.seed)
     return MapUpdate(
-        scene_map=replace(renewed, model=fit_scans([renewed.prepared()], plan)),
+        # The mixture refined with them, its order chosen anew (Algorithm 1).
+        scene_map=replace(
+            renewed,
+            model=_refined(renewed),
+            views=_views(scene_map, current, stations, result),
+        ),
         result=result,
         cells_added=int(unknown.sum()),
         cells_refined=int(refining.sum()),
@@ -123,9 +129,10 @@ def _denser(
     before, now = _extents(old, old_rows, old_tree), _extents(new, new_rows, new_tree)
     apart, nearest = new_tree.query(old_tree.data)
     denser = (apart <= before) & (now[nearest] < DENSER * before)
-    # A new cell is taken when the old cell it lies nearest to is replaced, or is replaced by it: no gaps.
-    taken = denser[old_tree.query(new_tree.data)[1]]
-    taken[nearest[denser]] = True
+    # A new cell is taken when the old cell it lies nearest to may go, which then goes only for such a new cell.
+    lies_at = old_tree.query(new_tree.data)[1]
+    denser &= denser[lies_at][nearest]
+    taken = denser[lies_at]
     replaced[old_rows], refining[new_rows] = denser, taken
     return replaced, refining
 
@@ -155,6 +162,31 @@ def _joined(
         spacing=(1 - share) * scene_map.spacing + share * float(current.spacing[0]),
         cell_size=float(variances.median().clamp_min(0).sqrt()),
         num_scans=scene_map.num_scans + 1,
+    )
+
+
+def _refined(scene_map: SceneMap) -> FitResult:
+    """The map's mixture with components merged, moved and added until it describes the cells there are now."""
+    settings = scene_map.config.fit
+    cells = fitted_clouds(scene_map.prepared(), settings)
+    refined = gmmtorch.update(
+        MixtureModel(scene_map.model.mixtures, cells),
+        cells,
+        forgetting=FADED,
+        max_components=scene_map.config.max_components,
+        seed=scene_map.config.seed,
+        min_std=settings.min_std,
+    )
+    mixtures = refined.model.mixtures
+    mdl = gmmtorch.description_length(mixtures, cells)
+    orders = torch.arange(1, mixtures.num_slots + 1)
+    return FitResult(
+        mixtures=mixtures,
+        mdl=mdl,
+        mdl_path=torch.where(orders == mixtures.num_components[:, None], mdl[:, None], torch.nan),
+        log_likelihood=(mixtures.log_prob(cells) * cells.weights).sum()[None],
+        status=refined.status,
+        num_iterations=refined.num_iterations,
     )
 
 
