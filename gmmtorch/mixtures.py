@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from os import PathLike
 
@@ -13,11 +12,10 @@ from torch import Tensor
 from gmmtorch import linalg, serialization
 from gmmtorch.clouds import ArrayLike, PointClouds
 from gmmtorch.errors import ArgumentError, SerializationError, ShapeError
+from gmmtorch.evaluation import Densities, Posterior
 
 __all__ = ["GaussianMixtures"]
 
-_CHUNK = 8192  # points evaluated at once: memory stays small for clouds of any size
-_Reduction = Callable[[Tensor], Tensor]
 _FORMAT = "gmmtorch.GaussianMixtures"
 
 
@@ -172,15 +170,23 @@ class GaussianMixtures:
         For cells, the bound per unit weight logsumexp_k(eta_k mean(phi)). Equals
         `sklearn.mixture.GaussianMixture.score_samples` for points.
         """
-        return self._evaluate(clouds, lambda logits: logits.logsumexp(1))
+        return self._densities(clouds).log_prob(clouds)
 
     def responsibilities(self, clouds: PointClouds) -> Tensor:
         """r_nk, the posterior of every component (N, K); rows sum to 1, or are 0 where the mixture is empty."""
-        return self._evaluate(clouds, lambda logits: logits.softmax(1).nan_to_num(0.0))
+        return self._densities(clouds).responsibilities(clouds)
 
     def assign(self, clouds: PointClouds) -> Tensor:
         """argmax_k r_nk (N,) int64; -1 where the mixture is empty."""
-        return self._evaluate(clouds, _argmax)
+        return self._densities(clouds).components(clouds)
+
+    def posterior(self, clouds: PointClouds) -> Posterior:
+        """`log_prob`, `responsibilities` and `assign` at once, in little more than the time of one of them."""
+        return self._densities(clouds).posterior(clouds)
+
+    def expected_counts(self, clouds: PointClouds) -> Tensor:
+        """Expected number of points of every component, sum_n w_n r_nk (B, K), without keeping the r_nk."""
+        return self._densities(clouds).expected_counts(clouds)
 
     def sample(self, num_samples: int | Sequence[int], seed: int = 0) -> PointClouds:
         """Draw points from every mixture; see `sample_components` for where each came from."""
@@ -227,62 +233,14 @@ class GaussianMixtures:
     def _tensors(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         return self.weights, self.means, self.covariances, self.num_components
 
-    def _evaluate(self, clouds: PointClouds, reduce: _Reduction) -> Tensor:
-        """Apply `reduce` to the logits (T, K) of runs of points, and put the pieces together."""
+    def _densities(self, clouds: PointClouds) -> Densities:
+        """The mixtures prepared for these clouds, checked to fit them."""
         if clouds.batch_size != self.batch_size or clouds.dim != self.dim:
             raise ShapeError(
                 f"expected {self.batch_size} clouds of {self.dim} coordinates, one per mixture, got "
                 f"{clouds.batch_size} of {clouds.dim}; use select() to pair them"
             )
-        pieces = []
-        for b in range(self.batch_size):
-            density = _Density.of(self, b)
-            first, last = clouds.offsets[b], clouds.offsets[b + 1]
-            for start in range(first, last, _CHUNK):
-                rows = slice(start, min(start + _CHUNK, last))
-                spreads = None if clouds.spreads is None else clouds.spreads[rows]
-                pieces.append(reduce(density.logits(clouds.points[rows], spreads)))
-        return torch.cat(pieces) if pieces else reduce(clouds.points.new_zeros(0, self.num_slots))
-
-
-@dataclass(frozen=True)
-class _Density:
-    """One mixture, prepared: whitening matrices W_k = L_k^-1 about a common origin."""
-
-    origin: Tensor  # (D,)
-    whitening: Tensor  # (K D, D)
-    offsets: Tensor  # (K D,)
-    log_scales: Tensor  # (K,)
-    precisions: Tensor  # (K, D, D)
-
-    @staticmethod
-    def of(mixtures: GaussianMixtures, b: int) -> _Density:
-        """Prepare mixture b."""
-        weights, means, covariances = mixtures.weights[b], mixtures.means[b], mixtures.covariances[b]
-        factors, _ = linalg.safe_cholesky(covariances)
-        identity = torch.eye(mixtures.dim, dtype=means.dtype, device=means.device)
-        whitening = torch.linalg.solve_triangular(factors, identity.expand_as(factors), upper=False)
-        origin = weights @ means
-        offsets = (whitening @ (means - origin)[..., None]).flatten()
-        log_volume = mixtures.dim * math.log(2 * math.pi) + linalg.log_determinant(factors)
-        return _Density(
-            origin, whitening.flatten(0, 1), offsets, weights.log() - 0.5 * log_volume,
-            linalg.precision_matrix(factors),
-        )  # fmt: skip
-
-    def logits(self, points: Tensor, spreads: Tensor | None) -> Tensor:
-        """log(pi_k N(x_n; mu_k, S_k)), less tr(S_k^-1 spread_n) / 2 for cells: (T, D) -> (T, K)."""
-        whitened = (points - self.origin) @ self.whitening.T - self.offsets  # (T, K D)
-        squared = whitened.square_().unflatten(1, (-1, points.shape[1])).sum(-1)  # (T, K)
-        if spreads is not None:
-            squared = squared + spreads.flatten(1) @ self.precisions.flatten(1).T
-        return self.log_scales - 0.5 * squared
-
-
-def _argmax(logits: Tensor) -> Tensor:
-    """Index of the largest logit (T,), -1 where all are -inf."""
-    value, index = logits.max(1) if logits.shape[0] else (logits.new_zeros(0), logits.new_zeros(0).long())
-    return torch.where(value == -torch.inf, -1, index)
+        return Densities.of(self.weights, self.means, self.covariances)
 
 
 def _sample_one(mixture: GaussianMixtures, num_samples: int, seed: int) -> tuple[Tensor, Tensor]:
