@@ -11,7 +11,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from gmmtorch import PointClouds
 from novelty.preprocess import PreparedScans
 from novelty.result import PointState
 from novelty.segment import Segment, SegmentedPoints

@@ -113,7 +113,9 @@ def compare_prepared(
     # Algorithm 2, line 10: the points of those components; then what lies inside them and behind them.
     with clock.stage("segment"):
         added = segment_current(batch, models, comparison.added, registrations, config)
-        removed = segment_current(batch.exchanged(), models.exchanged(), comparison.removed, registrations, config)
+        removed = segment_current(
+            batch.exchanged(), models.exchanged(), comparison.removed, registrations, config
+        )
     with clock.stage("objects"):
         notes = blind_notes(batch.reference, batch.current) if _asks_visibility(config) else [()] * len(pairs)
         outcome = PairOutcome(
@@ -184,6 +186,7 @@ class Clock:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
+        """Time what happens inside."""
         start = time.perf_counter()
         yield
         self.seconds[name] = time.perf_counter() - start

@@ -101,7 +101,7 @@ def _float64(values: ArrayLike, field: str, name: str) -> NDArray[np.float64]:
         raise InputError(f"{_label(name)}: {field} must be an array of numbers; {error}.") from None
 
 
-def _read_only(array: NDArray) -> NDArray:  # type: ignore[type-arg]
+def _read_only(array: NDArray) -> NDArray:
     array.flags.writeable = False
     return array
 

@@ -53,7 +53,7 @@ class SegmentedPoints:
 
     @property
     def labels(self) -> torch.Tensor:
-        """bool (N,), True for novel points."""
+        """Bool (N,), True for novel points."""
         return (self.states == PointState.NOVEL) | (self.states == PointState.MOVED)
 
 

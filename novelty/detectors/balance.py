@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -9,12 +11,6 @@ from gmmtorch import GaussianMixtures, PointClouds
 from novelty.detectors.quantiles import weighted_quantiles
 from novelty.fitting import Models
 from novelty.preprocess.prepared import PreparedPairs
-
-
-def expected_counts(mixtures: GaussianMixtures, cells: PointClouds) -> Tensor:
-    """Expected number of points of every component, sum_n w_n r_nk (P, K)."""
-    claims = mixtures.responsibilities(cells) * cells.weights[:, None]  # (N, K)
-    return torch.stack([piece.sum(0) for piece in cells.split(claims)])
 
 
 def pooled_counts(batch: PreparedPairs, models: Models) -> tuple[Tensor, Tensor]:
@@ -27,8 +23,8 @@ def pooled_counts(batch: PreparedPairs, models: Models) -> tuple[Tensor, Tensor]
         The counts of the current and of the reference scans; all 0 where a scan is empty, since nothing compares.
     """
     reference, current = batch.reference.cells, batch.current.cells
-    pooled = _pooled(models, current.total_weights, reference.total_weights)
-    own, other = (expected_counts(pooled, cells) for cells in (current, reference))
+    pooled = _Pool.of(models, current.total_weights, reference.total_weights)
+    own, other = (pooled.counts(cells) for cells in (current, reference))
     comparable = (own.sum(1, keepdim=True) > 0) & (other.sum(1, keepdim=True) > 0)
     return torch.where(comparable, own, 0.0), torch.where(comparable, other, 0.0)
 
@@ -57,14 +53,62 @@ def balanced_median(values: Tensor, weights: Tensor) -> Tensor:
     return (0.5 * (lower(values) - lower(-values))).nan_to_num(0.0)
 
 
-def _pooled(models: Models, current_points: Tensor, reference_points: Tensor) -> GaussianMixtures:
-    """All components of both mixtures as one: a component that both hold claims its points in two equal copies."""
-    sides = models.current.mixtures, models.reference.mixtures
-    masses = [m.weights * n[:, None] for m, n in zip(sides, (current_points, reference_points), strict=True)]
-    weights = torch.cat(masses, 1)
-    return GaussianMixtures(
-        weights=weights / weights.sum(1, keepdim=True).clamp_min(torch.finfo(weights.dtype).tiny),
-        means=torch.cat([m.means for m in sides], 1),
-        covariances=torch.cat([m.covariances for m in sides], 1),
-        num_components=sides[0].num_components + sides[1].num_components,
-    )
+@dataclass(frozen=True, eq=False)
+class _Pool:
+    """All components of both mixtures as one mixture, in which a component that both hold stands once.
+
+    Attributes:
+        distinct: the mixture.
+        places: component of `distinct` that each of both mixtures' components is (P, K + K').
+        parts: share of it that belongs to that copy (P, K + K'); 0 for padding.
+    """
+
+    distinct: GaussianMixtures
+    places: Tensor
+    parts: Tensor
+
+    @classmethod
+    def of(cls, models: Models, current_points: Tensor, reference_points: Tensor) -> _Pool:
+        """Pool the mixtures, each weighted by the points of its scan."""
+        current, reference = models.current.mixtures, models.reference.mixtures
+        masses = torch.cat(
+            [current.weights * current_points[:, None], reference.weights * reference_points[:, None]], 1
+        )
+        # A reference component stands in the place of its copy among the current ones, or else in its own.
+        equal = _equal(current, reference)  # (P, K, K')
+        own = current.num_slots + torch.arange(reference.num_slots, device=masses.device)
+        stands_in = torch.where(equal.any(1), equal.int().argmax(1), own)
+        places = torch.cat(
+            [torch.arange(current.num_slots, device=masses.device).expand_as(current.weights), stands_in], 1
+        )
+        together = torch.zeros_like(masses).scatter_add_(1, places, masses)
+        # The places that are filled move to the front.
+        filled = together > 0
+        order = filled.logical_not().byte().argsort(dim=1, stable=True)[:, : max(1, int(filled.sum(1).max()))]
+        distinct = GaussianMixtures(
+            weights=(
+                together / together.sum(1, keepdim=True).clamp_min(torch.finfo(masses.dtype).tiny)
+            ).gather(1, order),
+            means=_rows(torch.cat([current.means, reference.means], 1), order),
+            covariances=_rows(torch.cat([current.covariances, reference.covariances], 1), order),
+            num_components=filled.sum(1),
+        )
+        front = (filled.cumsum(1) - 1).clamp_min(0).gather(1, places)
+        parts = torch.where(masses > 0, masses / together.gather(1, places), 0.0)
+        return cls(distinct, front, parts)
+
+    def counts(self, cells: PointClouds) -> Tensor:
+        """Expected number of points of every component of both mixtures (P, K + K')."""
+        return self.distinct.expected_counts(cells).gather(1, self.places) * self.parts
+
+
+def _equal(a: GaussianMixtures, b: GaussianMixtures) -> Tensor:
+    """Whether a component of a is one of b, digit for digit (P, K, K')."""
+    same_means = (a.means[:, :, None] == b.means[:, None, :]).all(-1)
+    same_shapes = (a.covariances[:, :, None] == b.covariances[:, None, :]).flatten(3).all(-1)
+    return same_means & same_shapes & a.mask[:, :, None] & b.mask[:, None, :]
+
+
+def _rows(values: Tensor, index: Tensor) -> Tensor:
+    """values[p, index[p, k]]: (P, K, ...) and (P, J) -> (P, J, ...)."""
+    return values[torch.arange(len(values), device=values.device)[:, None], index]

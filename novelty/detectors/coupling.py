@@ -11,8 +11,8 @@ import torch
 
 import gmmtorch
 from gmmtorch import FitResult, GaussianMixtures, PointClouds
-from novelty.fitting import FitPlan, Models
-from novelty.fitting import _fitted_clouds as fitted_clouds
+from novelty.detectors.shared_mixture import unite
+from novelty.fitting import FitPlan, Models, fitted_clouds
 from novelty.preprocess.prepared import PreparedPairs
 
 
@@ -27,7 +27,7 @@ def fit_coupled(batch: PreparedPairs, plan: FitPlan, max_iterations: int) -> Mod
     settings = plan.settings
     reference, current = (fitted_clouds(scans, settings) for scans in (batch.reference, batch.current))
     common = gmmtorch.fit_mdl(
-        _united(reference, current),
+        unite(reference, current),
         max_components=plan.max_components,
         initializer=settings.initializer,
         n_init=settings.n_init,
@@ -37,21 +37,6 @@ def fit_coupled(batch: PreparedPairs, plan: FitPlan, max_iterations: int) -> Mod
     return Models(
         reference=_refined(reference, common, settings.min_std, max_iterations),
         current=_refined(current, common, settings.min_std, max_iterations),
-    )
-
-
-def _united(reference: PointClouds, current: PointClouds) -> PointClouds:
-    """Both scans of every pair as one cloud, the reference's points first: P clouds."""
-    pairs = range(len(reference))
-    both = PointClouds.concatenate([reference, current])
-    order = [row for pair in pairs for row in (pair, pair + len(reference))]
-    interleaved = both.select(order)
-    return PointClouds(
-        points=interleaved.points,
-        weights=interleaved.weights,
-        spreads=interleaved.spreads,
-        offsets=interleaved.offsets[::2],
-        dtype=interleaved.dtype,
     )
 
 

@@ -28,27 +28,29 @@ class GreedyEmd(Detector):
     """Components whose removal brings the mixtures closer are novel (Algorithm 2, eq. 8)."""
 
     fits: Literal["coupled", "independent"] = Field(
-        "coupled",
+        default="coupled",
         description="Whether both scans start from one common mixture, so that they are cut alike, or each is fitted "
         "on its own, as in the paper.",
     )
     coupled_iterations: int = Field(
-        5, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
+        default=5, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
     )
     ground_distance: GroundDistanceName = Field(
-        "hellinger",
+        default="hellinger",
         description="Distance between components: hellinger (overlap, 0 to 1), mean (the paper's, m), bures (m), or "
         "combined (eq. 9).",
     )
     length_scale: float = Field(
-        1.0, gt=0, description="Metres that weigh as much as one unit of eq. 10 in the combined distance."
+        default=1.0,
+        gt=0,
+        description="Metres that weigh as much as one unit of eq. 10 in the combined distance.",
     )
     resolution_floor: Literal["cell", "none"] = Field(
-        "cell",
+        default="cell",
         description="Spread added to every component before distances are taken: the size of a cell, or none.",
     )
     tolerance: float = Field(
-        1e-9,
+        default=1e-9,
         ge=0,
         description="A rise of the distance up to this share of the largest ground distance is no rise.",
     )

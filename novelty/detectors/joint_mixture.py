@@ -15,11 +15,11 @@ from pydantic import Field
 from torch import Tensor
 
 from gmmtorch import GaussianMixtures
-from gmmtorch.distances import mean_distance
+from gmmtorch.distances import hellinger_distance, mean_distance
 from novelty.detectors.balance import balanced_median, log_density_ratio, pooled_counts
 from novelty.detectors.base import Comparison, ComponentNovelty, Detector
 from novelty.detectors.empty import empty_side_notes
-from novelty.detectors.ground import hellinger_distance
+from novelty.detectors.p_values import least_p_value
 from novelty.detectors.shared_mixture import fit_shared
 from novelty.fitting import FitPlan, Models
 from novelty.preprocess.prepared import PreparedPairs
@@ -34,27 +34,27 @@ class JointMixture(Detector):
     """A component of one mixture for both scans is novel when one of them hardly fills it (beyond the paper)."""
 
     share: float = Field(
-        0.2,
+        default=0.2,
         gt=0,
         lt=0.5,
         description="A component is novel when the other scan has less than this share of its points, after both "
         "scans are brought to one density; 0.5 is no change.",
     )
     significance: float = Field(
-        0.05,
+        default=0.05,
         gt=0,
         lt=1,
         description="A novel component's share must also be this improbable among the stable components.",
     )
     split_distance: float = Field(
-        0.3,
+        default=0.3,
         gt=0,
         le=1,
         description="Hellinger distance (0 to 1) between the two scans' points inside one component above which it "
         "becomes two.",
     )
     max_splits: int = Field(
-        3,
+        default=3,
         ge=0,
         description="Rounds of splits and EM; 0: the mixture as MDL leaves it, old and new in one component.",
     )
@@ -74,7 +74,7 @@ class JointMixture(Detector):
             added=added,
             removed=removed,
             distance=torch.full_like(batch.current.cell_size, torch.nan),
-            p_value=_least_p_value(added, removed),
+            p_value=least_p_value(added, removed),
             notes=empty_side_notes(batch),
         )
 
@@ -176,16 +176,9 @@ def _spread(own: Tensor, other: Tensor) -> Tensor:
 
 def _nearest(mixtures: GaussianMixtures, others: GaussianMixtures, novel: Tensor) -> tuple[Tensor, Tensor]:
     """For components (P, K) that are not novel: the most similar other one, and how far its mean is, m."""
-    apart = hellinger_distance(mixtures, others).masked_fill(~others.mask[:, None, :], torch.inf)
+    apart = hellinger_distance(mixtures.means, mixtures.covariances, others.means, others.covariances)
+    apart = apart.masked_fill(~others.mask[:, None, :], torch.inf)
     least, matches = apart.min(dim=2)
     matched = least.isfinite() & ~novel & mixtures.mask
     distances = mean_distance(mixtures.means, others.means).gather(2, matches[..., None]).squeeze(2)
     return torch.where(matched, matches, -1), torch.where(matched, distances, torch.nan)
-
-
-def _least_p_value(*directions: ComponentNovelty) -> Tensor:
-    """Bonferroni's p-value over all components of both scans (P,); NaN where there is none."""
-    p_values = torch.cat([d.p_values for d in directions if d.p_values is not None], dim=1)  # (P, K + K')
-    tests = (~p_values.isnan()).sum(dim=1)
-    least = p_values.nan_to_num(torch.inf).amin(dim=1)
-    return torch.where(tests > 0, (least * tests).clamp_max(1.0), torch.nan)

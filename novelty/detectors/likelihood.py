@@ -18,9 +18,11 @@ from torch import Tensor
 
 from gmmtorch import GaussianMixtures, PointClouds
 from gmmtorch.distances import mean_distance
+from gmmtorch.evaluation import Posterior
 from novelty.detectors.base import Comparison, ComponentNovelty, Detector
 from novelty.detectors.empty import empty_side_notes
-from novelty.detectors.quantiles import weighted_quantiles
+from novelty.detectors.p_values import least_p_value
+from novelty.detectors.quantiles import grouped_order, weighted_quantiles
 from novelty.detectors.resolution import blurred, cell_resolution
 from novelty.fitting import Models
 from novelty.preprocess.prepared import PreparedPairs
@@ -32,70 +34,72 @@ class Likelihood(Detector):
     """A component is novel when the other scan's mixture does not explain its points (beyond the paper)."""
 
     false_alarm_rate: float = Field(
-        0.01,
+        default=0.01,
         gt=0,
         lt=1,
         description="Share of the reference scan's own points that its mixture may explain worse than the threshold.",
     )
     explained_share: float = Field(
-        0.1,
+        default=0.1,
         gt=0,
         lt=1,
         description="A point is unexplained only where the reference mixture's density is below this share of the "
         "current mixture's.",
     )
     quorum: float = Field(
-        0.5,
+        default=0.5,
         gt=0,
         le=1,
         description="Share of a component's points that must lie beyond the threshold to make it novel.",
     )
     min_cells: int = Field(
-        5,
+        default=5,
         ge=1,
         description="A component of fewer cells is never novel: a few cells that straddle a gap are no evidence.",
     )
     resolution_floor: Literal["cell", "none"] = Field(
-        "cell",
+        default="cell",
         description="Spread added to every component before points are scored: the size of a cell, since nothing "
         "finer than the sampling is a change, or none.",
     )
 
     def compare(self, batch: PreparedPairs, models: Models) -> Comparison:
         """Score the cells of each scan under the other scan's mixture."""
-        added = self._judge(batch, models)
-        removed = self._judge(batch.exchanged(), models.exchanged())
+        reference = _Scored.of(batch.reference.cells, self._floored(models.reference.mixtures, batch))
+        current = _Scored.of(batch.current.cells, self._floored(models.current.mixtures, batch))
+        added = self._judge(batch, models, reference, current)
+        removed = self._judge(batch.exchanged(), models.exchanged(), current, reference)
         return Comparison(
             added=added,
             removed=removed,
             distance=torch.full_like(batch.current.cell_size, torch.nan),
-            p_value=_least_p_value(added, removed),
+            p_value=least_p_value(added, removed),
             notes=empty_side_notes(batch),
         )
 
-    def _judge(self, batch: PreparedPairs, models: Models) -> ComponentNovelty:
+    def _judge(
+        self, batch: PreparedPairs, models: Models, reference: _Scored, seen_by: _Scored
+    ) -> ComponentNovelty:
         """Judge the current mixtures' components against the reference."""
-        reference, current = batch.reference.cells, batch.current.cells
-        explaining = self._floored(models.reference.mixtures, batch)
-        mixtures = models.current.mixtures
-        # How badly the reference mixture explains its own cells, and those of the current scan.
-        own, seen = (
-            -explaining.log_prob(reference),
-            -explaining.log_prob(current),
-        )  # (N_reference,), (N_current,)
+        current, mixtures = batch.current.cells, models.current.mixtures
+        # How badly the reference mixture explains the cells of the current scan.
+        explained = reference.mixtures.posterior(current)
+        seen = -explained.log_prob  # (N_current,)
         # What a score may be without any change.
-        null = _Null.of(own, reference)
+        null = _Null.of(reference.scores, batch.reference.cells)
         threshold = null.quantiles(1 - self.false_alarm_rate)[current.cloud_index]  # (N_current,)
         # What the current scan's own mixture would let a score be.
-        expected = -self._floored(mixtures, batch).log_prob(current) - math.log(self.explained_share)
+        expected = seen_by.scores - math.log(self.explained_share)
         excess = seen - torch.maximum(threshold, expected)
         # A component's score: the excess that the quorum of its points reaches.
-        groups = _component_of_cells(current, mixtures)
+        claimed = mixtures.posterior(current)
+        groups = _component_of_cells(current, mixtures, claimed)
         scores = _per_component(excess, current, mixtures, groups, 1 - self.quorum)  # (P, K)
         enough = _count_per_component(groups, mixtures) >= self.min_cells
         scores = torch.where(enough, scores, scores.clamp_max(0.0))
         novel = scores > 0
-        matches, distances = _best_explanations(current, mixtures, explaining, novel)
+        claims = _common_claims(current, claimed, explained)  # (P, K, K')
+        matches, distances = _best_explanations(claims, mixtures, reference.mixtures, novel)
         return ComponentNovelty(
             novel=novel,
             scores=scores,
@@ -143,20 +147,33 @@ class Likelihood(Detector):
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Scored:
+    """Mixtures with the resolution floor, and the scores of the cells that they were fitted to (N,)."""
+
+    mixtures: GaussianMixtures
+    scores: Tensor
+
+    @classmethod
+    def of(cls, cells: PointClouds, mixtures: GaussianMixtures) -> _Scored:
+        """Score the cells."""
+        return cls(mixtures, -mixtures.log_prob(cells))
+
+
 @dataclass(frozen=True)
 class _Null:
     """Scores that the reference scans give their own cells, packed: what no change looks like."""
 
-    scores: Tensor  # (N,), ascending inside each cloud
+    scores: Tensor  # (N,)
     weights: Tensor  # (N,)
     clouds: Tensor  # (N,)
-    pieces: tuple[Tensor, ...]  # P sorted tensors
+    pieces: tuple[Tensor, ...]  # the scores of each of the P clouds, ascending
 
     @classmethod
     def of(cls, scores: Tensor, cells: PointClouds) -> _Null:
         """The null distribution of every pair from its reference's cells."""
-        pieces = tuple(piece.sort().values for piece in cells.split(scores))
-        return cls(scores, cells.weights, cells.cloud_index, pieces)
+        ascending = scores[grouped_order(scores, cells.cloud_index)]
+        return cls(scores, cells.weights, cells.cloud_index, cells.split(ascending))
 
     def quantiles(self, level: float) -> Tensor:
         """Score below which `level` of each reference's points lie (P,)."""
@@ -174,9 +191,9 @@ class _Null:
         return torch.where(scores.isnan(), torch.nan, torch.stack(rows))
 
 
-def _component_of_cells(cells: PointClouds, mixtures: GaussianMixtures) -> Tensor:
+def _component_of_cells(cells: PointClouds, mixtures: GaussianMixtures, claimed: Posterior) -> Tensor:
     """Place p K + k of the component that claims each cell, -1 where the mixture is empty (N,)."""
-    component = mixtures.assign(cells)
+    component = claimed.components
     return torch.where(component >= 0, cells.cloud_index * mixtures.num_slots + component, -1)
 
 
@@ -194,31 +211,20 @@ def _count_per_component(groups: Tensor, mixtures: GaussianMixtures) -> Tensor:
     return torch.bincount(groups[groups >= 0], minlength=P * K).reshape(P, K)
 
 
+def _common_claims(cells: PointClouds, one: Posterior, other: Posterior) -> Tensor:
+    """Points that a component of one mixture and one of the other claim both, sum_n w_n r_nk r'_nk' (P, K, K')."""
+    weighted = one.responsibilities.T * cells.weights  # (K, N)
+    sizes = list(cells.sizes)
+    pieces = zip(weighted.split(sizes, dim=1), cells.split(other.responsibilities), strict=True)
+    return torch.stack([mine @ theirs for mine, theirs in pieces])
+
+
 def _best_explanations(
-    cells: PointClouds, mixtures: GaussianMixtures, explaining: GaussianMixtures, novel: Tensor
+    claims: Tensor, mixtures: GaussianMixtures, explaining: GaussianMixtures, novel: Tensor
 ) -> tuple[Tensor, Tensor]:
     """For components (P, K) that are not novel: the other component that claims most of their points."""
-    claims = torch.stack(
-        [
-            (own * weight[:, None]).T @ other  # (K, K')
-            for own, other, weight in zip(
-                cells.split(mixtures.responsibilities(cells)),
-                cells.split(explaining.responsibilities(cells)),
-                cells.split(cells.weights),
-                strict=True,
-            )
-        ]
-    )
     most, matches = claims.max(dim=2)
     matched = (most > 0) & ~novel & mixtures.mask
     table = mean_distance(mixtures.means, explaining.means)  # (P, K, K')
     distances = table.gather(2, matches[..., None]).squeeze(2)
     return torch.where(matched, matches, -1), torch.where(matched, distances, torch.nan)
-
-
-def _least_p_value(*directions: ComponentNovelty) -> Tensor:
-    """Bonferroni's p-value over all components of both scans (P,); NaN where there is none."""
-    p_values = torch.cat([d.p_values for d in directions if d.p_values is not None], dim=1)  # (P, K + K')
-    tests = (~p_values.isnan()).sum(dim=1)
-    least = p_values.nan_to_num(torch.inf).amin(dim=1)
-    return torch.where(tests > 0, (least * tests).clamp_max(1.0), torch.nan)

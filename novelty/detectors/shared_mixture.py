@@ -16,11 +16,9 @@ from torch import Tensor
 import gmmtorch
 from gmmtorch import FitResult, GaussianMixtures, PointClouds, Status
 from gmmtorch.components import Components
-from novelty.detectors.balance import expected_counts
-from novelty.detectors.ground import hellinger_distance
+from gmmtorch.distances import hellinger_distance
 from novelty.detectors.resolution import blurred, cell_resolution
-from novelty.fitting import FitPlan, Models
-from novelty.fitting import _fitted_clouds as fitted_clouds
+from novelty.fitting import FitPlan, Models, fitted_clouds
 from novelty.preprocess.prepared import PreparedPairs
 
 SPLIT_ITERATIONS = 10
@@ -140,16 +138,13 @@ def _blurred_moments(mixtures: GaussianMixtures, cells: PointClouds, resolution:
 
 def _hellinger(a: Moments, b: Moments) -> Tensor:
     """Hellinger distance between the Gaussians of the same component in two scans (P, K)."""
-    first, second = (
-        GaussianMixtures(m.counts, m.means, m.covariances, (m.counts > 0).sum(1)) for m in (a, b)
-    )
-    return hellinger_distance(first, second).diagonal(dim1=1, dim2=2)
+    return hellinger_distance(a.means, a.covariances, b.means, b.covariances).diagonal(dim1=1, dim2=2)
 
 
 def _share_of(cells: PointClouds, fit: FitResult) -> FitResult:
     """The shared mixture as the mixture of one scan: its components, weighted by the scan's own points."""
     shared = fit.mixtures
-    counts = expected_counts(shared, cells)
+    counts = shared.expected_counts(cells)
     held = torch.where(counts >= 1, counts, 0.0)
     own = Components.create(held, shared.means, shared.covariances)
     mixtures = _packed(own)

@@ -33,32 +33,35 @@ class StructuralMatching(Detector):
     """Components outside the maximum clique of the correspondence graph are novel (eqs. 9-12)."""
 
     fits: Literal["coupled", "independent"] = Field(
-        "coupled",
+        default="coupled",
         description="Whether both scans start from one common mixture, so that they are cut alike, or each is fitted "
         "on its own, as in the paper.",
     )
     coupled_iterations: int = Field(
-        5, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
+        default=5, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
     )
     scale: Literal["component", "metre"] = Field(
-        "component",
+        default="component",
         description="Unit of distances between means: the components' own extent, with the relative constraint taken "
         "relative to the distances it compares, or, as in the paper, metres.",
     )
     node_threshold: float = Field(
-        3.5, gt=0, description="U_T: two components may match below this distance (eq. 9)."
+        default=3.5, gt=0, description="U_T: two components may match below this distance (eq. 9)."
     )
     arc_threshold: float = Field(
-        1.0, gt=0, description="U_R: two matches may hold together up to this difference (eq. 11)."
+        default=1.0, gt=0, description="U_R: two matches may hold together up to this difference (eq. 11)."
     )
     length_scale: float = Field(
-        1.0, gt=0, description="Metres that weigh as much as one unit of eq. 10; for the scale `metre` only."
+        default=1.0,
+        gt=0,
+        description="Metres that weigh as much as one unit of eq. 10; for the scale `metre` only.",
     )
     resolution_floor: Literal["cell", "none"] = Field(
-        "cell", description="Spread added to every component before eq. 10: the size of a cell, or none."
+        default="cell",
+        description="Spread added to every component before eq. 10: the size of a cell, or none.",
     )
     node_budget: int = Field(
-        20_000,
+        default=20_000,
         ge=1,
         description="Steps of the clique search after which the best clique found so far is taken.",
     )

@@ -37,36 +37,41 @@ class UnbalancedEmd(Detector):
     """A component is novel when transport leaves most of its points without a partner (beyond the paper)."""
 
     fits: Literal["shared", "coupled", "independent"] = Field(
-        "shared",
+        default="shared",
         description="Whether both scans use the components of one mixture, start from one, or are fitted on their own.",
     )
     coupled_iterations: int = Field(
-        5, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
+        default=5, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
     )
     split_distance: float = Field(
-        0.3,
+        default=0.3,
         gt=0,
         le=1,
         description="Hellinger distance (0 to 1) between the two scans' points inside one component of a `shared` "
         "mixture above which it becomes two.",
     )
-    max_splits: int = Field(3, ge=0, description="Rounds of splits and EM of `shared` fits.")
+    max_splits: int = Field(default=3, ge=0, description="Rounds of splits and EM of `shared` fits.")
     ground_distance: GroundDistanceName = Field(
-        "hellinger",
+        default="hellinger",
         description="Distance between components: hellinger (overlap, 0 to 1), mean (m), bures (m), or combined "
         "(eq. 9).",
     )
     length_scale: float = Field(
-        1.0, gt=0, description="Metres that weigh as much as one unit of eq. 10 in the combined distance."
+        default=1.0,
+        gt=0,
+        description="Metres that weigh as much as one unit of eq. 10 in the combined distance.",
     )
     reach: float = Field(
-        0.7,
+        default=0.7,
         gt=0,
         description="2 tau, the distance up to which components are partners: in units of the typical distance of a "
         "component to the nearest one of its own mixture.",
     )
     share: float = Field(
-        0.5, gt=0, lt=1, description="A component is novel when more than this share of it has no partner."
+        default=0.5,
+        gt=0,
+        lt=1,
+        description="A component is novel when more than this share of it has no partner.",
     )
 
     def fit(self, batch: PreparedPairs, plan: FitPlan) -> Models:

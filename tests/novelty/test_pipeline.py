@@ -118,8 +118,12 @@ def test_records_are_in_the_unit_and_frame_of_the_scan_as_given(room):
     metres = novelty.detect(room).added
     offset = np.array([10.0, -4.0, 2.0])
     moved = novelty.detect(shifted(room, offset, scale=1000.0), Config(unit="mm")).added
-    np.testing.assert_allclose(moved.objects[0].centroid, 1000 * (metres.objects[0].centroid + offset), rtol=1e-3)
-    np.testing.assert_allclose(moved.components[0].mean, 1000 * (metres.components[0].mean + offset), rtol=1e-3)
+    np.testing.assert_allclose(
+        moved.objects[0].centroid, 1000 * (metres.objects[0].centroid + offset), rtol=1e-3
+    )
+    np.testing.assert_allclose(
+        moved.components[0].mean, 1000 * (metres.components[0].mean + offset), rtol=1e-3
+    )
 
 
 def test_missing_returns_keep_their_place(room):
