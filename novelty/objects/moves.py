@@ -26,7 +26,7 @@ from novelty.visibility.rays import Rays, Sight, joint_sights
 
 Array = NDArray[np.float64]
 
-LEAST_AGREEMENT = 0.85
+LEAST_AGREEMENT = 0.8
 """Agreement above which two objects are one that was moved."""
 
 LEAST_SIZE_RATIO = 0.8
@@ -37,6 +37,9 @@ LEAST_POINTS = 50
 
 MOST_POINTS = 250
 """Points of an object that are laid over each other."""
+
+DENSE_POINTS = 2000
+"""Points of an object that others are measured against."""
 
 COARSE_POINTS = 120
 COARSE_STEPS, FINE_STEPS = 14, 12
@@ -135,22 +138,36 @@ def _lengths(things: Things) -> dict[int, float]:
 
 def _best_move(pair: tuple[int, int], removed: Things, added: Things, resolution: float, up: Array) -> Move:
     """The motion of the highest agreement."""
-    source, target = (
-        _thinned(things.points[index], MOST_POINTS)
+    views = [
+        _View.of(things.points[index], things.stations, resolution)
         for things, index in zip((removed, added), pair, strict=True)
-    )
-    tolerances = [_tolerance(points, resolution) for points in (source, target)]
-    overlays = _overlays(source, target, max(tolerances), up)
-    agreements = [
-        _agreement(
-            index, overlays, (source, target), (removed.stations, added.stations), tolerances, resolution
-        )
-        for index in range(len(overlays.shifts))
     ]
+    overlays = _overlays(views[0].sample, views[1].sample, max(view.tolerance for view in views), up)
+    motions = np.tile(np.eye(4), (len(overlays.shifts), 1, 1))
+    motions[:, :3, :3], motions[:, :3, 3] = overlays.rotations.numpy(), overlays.shifts.numpy()
+    agreements = [_agreement(motion, *views, resolution) for motion in motions]
     best = int(np.argmax(agreements))
-    motion = np.eye(4)
-    motion[:3, :3], motion[:3, 3] = overlays.rotations[best].numpy(), overlays.shifts[best].numpy()
-    return Move(*pair, motion=motion, agreement=agreements[best])
+    return Move(*pair, motion=motions[best], agreement=agreements[best])
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One object as one scan shows it.
+
+    `sample` (n, 3) are points spread evenly over it, `tree` holds all of them, nearer to which than `tolerance` another
+    view of the same surface has its points.
+    """
+
+    sample: Array
+    tree: cKDTree
+    tolerance: float
+    stations: tuple[Rays, ...]
+
+    @classmethod
+    def of(cls, points: Array, stations: tuple[Rays, ...], resolution: float) -> _View:
+        """A view of points (N, 3)."""
+        dense = _thinned(points, DENSE_POINTS)
+        return cls(_thinned(points, MOST_POINTS), cKDTree(dense), _tolerance(dense, resolution), stations)
 
 
 def _thinned(points: Array, most: int) -> Array:
@@ -212,23 +229,15 @@ def _between(first: OrientedBox, second: OrientedBox) -> Array:
     return (second.rotation * signs[:, None]) @ first.rotation.T
 
 
-def _agreement(
-    index: int,
-    overlays: Overlays,
-    points: tuple[Array, Array],
-    stations: tuple[tuple[Rays, ...], tuple[Rays, ...]],
-    tolerances: list[float],
-    resolution: float,
-) -> float:
+def _agreement(motion: Array, before: _View, after: _View, resolution: float) -> float:
     """Share of points on the other's surface, less what contradicts."""
-    rotation, shift = overlays.rotations[index].numpy(), overlays.shifts[index].numpy()
-    moved = points[0] @ rotation.T + shift
-    back = (points[1] - shift) @ rotation
-    # A point finds a partner within the gaps of the other's points.
-    lying = overlays.gaps[index].numpy() < tolerances[1], overlays.back_gaps[index].numpy() < tolerances[0]
+    rotation, shift = motion[:3, :3], motion[:3, 3]
+    moved = before.sample @ rotation.T + shift, after
+    back = (after.sample - shift) @ rotation, before
+    lying = [view.tree.query(places)[0] < view.tolerance for places, view in (moved, back)]
     against = [
-        _contradicts(place, on, others, resolution)
-        for place, on, others in zip((moved, back), lying, (stations[1], stations[0]), strict=True)
+        _contradicts(places, on, view.stations, resolution)
+        for (places, view), on in zip((moved, back), lying, strict=True)
     ]
     return float(max(on.mean() for on in lying) - max(against))
 

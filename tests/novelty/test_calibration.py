@@ -1,0 +1,199 @@
+"""Calibration: thresholds of least error, settings chosen on folds, and the command."""
+
+import numpy as np
+import pytest
+import yaml
+
+from novelty import Config, ConfigError, InputError, Scan, ScanPair, detect, evaluate
+from novelty.calibration import Pairings, calibrate, fit_pair, kappa, least_error_thresholds, pairings_of
+from novelty.calibration.grids import GRIDS, settings_of
+from novelty.cli.app import main
+from novelty.config import baseline_names, detector_names
+from novelty.config_yaml import changed_yaml
+from novelty.io import write_ply
+from novelty.simulation import room_pair
+from tests.reference.pairings import p_err
+
+FAST = Config().replace(max_components=12)
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    return [room_pair(seed, ("person", "box"), density=0.25, noise=0.01) for seed in range(3)]
+
+
+@pytest.fixture(scope="module")
+def fitted(pairs):
+    return [fit_pair(pair, FAST) for pair in pairs]
+
+
+@pytest.fixture(scope="module")
+def structural(pairs):
+    config = FAST.replace(detector="structural_matching")
+    return config, [fit_pair(pair, config) for pair in pairs[:2]]
+
+
+def test_every_grid_is_of_valid_settings_that_hold_the_default():
+    for detector, grid in GRIDS.items():
+        for settings in settings_of(detector):
+            Config().replace(**settings)
+        section = Config().to_mapping()[detector]
+        assert all(section[key] in values for key, values in grid.items()), detector
+
+
+def test_every_detector_can_be_calibrated():
+    assert set(detector_names()) <= {*GRIDS, "structural_matching"}
+    assert set(GRIDS) <= {*detector_names(), *baseline_names()}
+
+
+def test_kappa_of_a_fitted_pair_is_that_of_detect(pairs, fitted):
+    result = detect(pairs[0], FAST)
+    sides = ((pairs[0].current, result.added), (pairs[0].reference, result.removed))
+    values = [
+        evaluate(scan.labels == 1, change.point_labels, ignore=scan.labels >= 2).kappa
+        for scan, change in sides
+    ]
+    assert kappa(fitted[0], FAST) == pytest.approx(np.nanmean(values), abs=1e-12)
+
+
+def test_thresholds_agree_with_counting(rng):
+    valid = rng.gamma(2.0, (0.5, 0.2), (300, 2))
+    invalid = rng.gamma(4.0, (1.5, 0.6), (500, 2))
+    node, arc, error = least_error_thresholds([Pairings(valid, invalid)])
+    assert error == pytest.approx(p_err(valid, invalid, node, arc), abs=1e-12)
+    others = [
+        p_err(valid, invalid, u, r) for u in np.arange(0.25, 10.1, 0.25) for r in np.arange(0.1, 4.05, 0.1)
+    ]
+    assert error <= min(others) + 0.005
+
+
+def test_separable_pairings_are_separated():
+    valid, invalid = np.full((20, 2), (1.0, 0.3)), np.full((20, 2), (6.0, 3.0))
+    node, arc, error = least_error_thresholds([Pairings(valid, invalid)])
+    assert error == 0
+    assert node > 1
+    assert arc > 0.3
+    assert node < 6 or arc < 3
+
+
+def test_thresholds_need_pairings():
+    none = np.empty((0, 2))
+    with pytest.raises(InputError, match="hold the same unchanged place"):
+        least_error_thresholds([Pairings(none, none)])
+
+
+def test_valid_pairings_are_nearer_than_invalid_ones(structural):
+    config, fitted = structural
+    pairings = pairings_of(fitted[0], config.structural_matching)
+    assert len(pairings.valid) > 20
+    assert np.median(pairings.valid[:, 0]) < 0.2 * np.median(pairings.invalid[:, 0])
+    assert np.median(pairings.valid[:, 1]) < np.median(pairings.invalid[:, 1])
+
+
+def test_structural_matching_learns_its_thresholds(structural):
+    config, fitted = structural
+    found = calibrate(fitted, config)
+    assert set(found.settings) == {"structural_matching.node_threshold", "structural_matching.arc_threshold"}
+    assert np.isfinite(found.after).all()
+
+
+@pytest.fixture
+def small_grid(monkeypatch):
+    monkeypatch.setitem(GRIDS, "likelihood", {"explained_share": (0.1, 1e-12)})
+
+
+def test_a_bad_start_is_mended_on_pairs_held_out(pairs):
+    # A baseline, since refinement would mend the labels of a detector too.
+    bad = FAST.replace(**{"detector": "nearest_neighbour", "nearest_neighbour.distance": 5.0})
+    found = calibrate([fit_pair(pair, bad) for pair in pairs], bad)
+    assert found.gain.mean > 0.2
+    assert found.settings["nearest_neighbour.distance"] < 5
+    assert len(found.chosen) == 3
+
+
+@pytest.mark.usefixtures("small_grid")
+def test_the_given_settings_win_among_equals(fitted, monkeypatch):
+    monkeypatch.setattr("novelty.calibration.crossvalidation.kappa", lambda pair, config: 0.5)
+    config = FAST.replace(**{"likelihood.explained_share": 0.07})
+    assert calibrate(fitted, config).settings == {"likelihood.explained_share": 0.07}
+
+
+def test_one_pair_has_no_folds(fitted):
+    with pytest.raises(InputError, match="needs two at least; found 1"):
+        calibrate(fitted[:1], FAST)
+
+
+@pytest.mark.parametrize("num_folds", [1, 4])
+def test_folds_must_fit_the_pairs(fitted, num_folds):
+    with pytest.raises(InputError, match="between 2 and the number of pairs, 3"):
+        calibrate(fitted, FAST, num_folds)
+
+
+def test_a_detector_without_a_grid_is_refused(fitted):
+    with pytest.raises(ConfigError, match="'m3c2' has nothing to calibrate"):
+        calibrate(fitted, FAST.replace(detector="m3c2"))
+
+
+def test_pairs_without_truth_are_refused(pairs):
+    bare = Scan(pairs[0].current.points)
+    with pytest.raises(InputError, match="the current scan carries no ground truth"):
+        fit_pair(ScanPair(pairs[0].reference, bare, "bare"), FAST)
+    same = Scan(pairs[0].reference.points, labels=np.zeros(pairs[0].reference.num_points))
+    with pytest.raises(InputError, match="labelled changed"):
+        fit_pair(ScanPair(same, same, "same"), FAST)
+
+
+def test_changed_yaml_holds_what_differs():
+    config = Config().replace(**{"detector": "greedy_emd", "likelihood.quorum": 0.25, "fit.n_init": 3})
+    text = changed_yaml(config, "# why\n")
+    assert text.startswith("# why\n")
+    assert yaml.safe_load(text) == {
+        "detector": "greedy_emd",
+        "fit": {"n_init": 3},
+        "likelihood": {"quorum": 0.25},
+    }
+
+
+def write_manifest(folder, pairs):
+    lines = ["name,reference,current"]
+    for number, pair in enumerate(pairs):
+        names = [f"{number}-{role}.ply" for role in ("reference", "current")]
+        for name, scan in zip(names, (pair.reference, pair.current), strict=True):
+            labels = {} if scan.labels is None else {"label": scan.labels}
+            write_ply(folder / name, scan.points, **labels)
+        lines.append(",".join([f"pair {number}", *names]))
+    (folder / "pairs.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return folder / "pairs.csv"
+
+
+def test_command_writes_a_configuration_that_can_be_read(tmp_path, pairs, capsys):
+    manifest, target = write_manifest(tmp_path, pairs[:2]), tmp_path / "found.yaml"
+    with pytest.raises(SystemExit) as stopped:
+        main(
+            [
+                "calibrate",
+                str(manifest),
+                "--detector",
+                "structural_matching",
+                "--set",
+                "max_components=12",
+                "--out",
+                str(target),
+            ]
+        )
+    assert stopped.value.code == 0
+    assert Config.from_yaml(target).detector == "structural_matching"
+    assert Config.from_yaml(target).max_components == 12
+    assert "Gain on held-out pairs:" in capsys.readouterr().out
+
+
+def test_command_names_the_line_of_an_unlabelled_pair(tmp_path, pairs, capsys):
+    bare = ScanPair(Scan(pairs[0].reference.points), Scan(pairs[0].current.points))
+    manifest = write_manifest(tmp_path, [bare, pairs[0]])
+    with pytest.raises(SystemExit) as stopped:
+        main(["calibrate", str(manifest), "--out", str(tmp_path / "found.yaml")])
+    assert stopped.value.code == 2
+    message = " ".join(capsys.readouterr().err.split())
+    assert "line 2" in message
+    assert "carries no ground truth" in message
+    assert not (tmp_path / "found.yaml").exists()
