@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from novelty.errors import ConfigError, InputError, MissingDependencyError, NoveltyError
     from novelty.evaluation import Scores, evaluate
     from novelty.io import read_pairs, read_scan
+    from novelty.maps import MapUpdate, SceneMap, detect_against, fit, update
     from novelty.pipeline import detect, detect_many
     from novelty.result import Change, ComponentRecord, NoveltyResult, ObjectRecord, PointState, ResultStatus
     from novelty.scan import Scan, ScanPair
@@ -25,6 +26,7 @@ _HOME = {
     "Config": "novelty.config",
     "ConfigError": "novelty.errors",
     "InputError": "novelty.errors",
+    "MapUpdate": "novelty.maps",
     "MissingDependencyError": "novelty.errors",
     "NoveltyError": "novelty.errors",
     "NoveltyResult": "novelty.result",
@@ -33,12 +35,16 @@ _HOME = {
     "ResultStatus": "novelty.result",
     "Scan": "novelty.scan",
     "ScanPair": "novelty.scan",
+    "SceneMap": "novelty.maps",
     "Scores": "novelty.evaluation",
     "detect": "novelty.pipeline",
+    "detect_against": "novelty.maps",
     "detect_many": "novelty.pipeline",
     "evaluate": "novelty.evaluation",
+    "fit": "novelty.maps",
     "read_pairs": "novelty.io",
     "read_scan": "novelty.io",
+    "update": "novelty.maps",
 }
 
 __all__ = [
@@ -47,6 +53,7 @@ __all__ = [
     "Config",
     "ConfigError",
     "InputError",
+    "MapUpdate",
     "MissingDependencyError",
     "NoveltyError",
     "NoveltyResult",
@@ -55,13 +62,17 @@ __all__ = [
     "ResultStatus",
     "Scan",
     "ScanPair",
+    "SceneMap",
     "Scores",
     "__version__",
     "detect",
+    "detect_against",
     "detect_many",
     "evaluate",
+    "fit",
     "read_pairs",
     "read_scan",
+    "update",
 ]
 
 

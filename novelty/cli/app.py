@@ -18,8 +18,10 @@ from novelty.cli.demo import demo
 from novelty.cli.detect import detect
 from novelty.cli.doctor import doctor
 from novelty.cli.evaluate import evaluate
+from novelty.cli.fit import fit
 from novelty.cli.simulate import simulate
 from novelty.cli.terminal import complain
+from novelty.cli.update import update
 from novelty.errors import NoveltyError
 
 BAD_INPUT = 2
@@ -34,7 +36,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (detect, evaluate, calibrate, demo, simulate, doctor):
+for command in (detect, fit, update, evaluate, calibrate, demo, simulate, doctor):
     app.command()(command)
 
 

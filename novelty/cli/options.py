@@ -9,6 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from novelty.config import Config
+    from novelty.maps import SceneMap
 
 DETECTORS = "likelihood, joint_mixture, unbalanced_emd, structural_matching or greedy_emd"
 
@@ -31,6 +32,11 @@ Unit = Annotated[
 ]
 
 
+CurrentOrigin = Annotated[
+    str | None, typer.Option(metavar='"X Y Z"', help="Where the sensor stood for the current scan.")
+]
+
+
 def build_config(file: Path | None, assignments: list[str] | None, **given: Any) -> Config:
     """The settings of a file, changed by `--set`, changed by the options that were given (not None).
 
@@ -39,7 +45,19 @@ def build_config(file: Path | None, assignments: list[str] | None, **given: Any)
     """
     from novelty.config import Config
 
-    config = Config() if file is None else Config.from_yaml(file)
+    return _changed(Config() if file is None else Config.from_yaml(file), assignments, given)
+
+
+def build_map_config(
+    scene_map: SceneMap, file: Path | None, assignments: list[str] | None, **given: Any
+) -> Config:
+    """What `build_config` does, beginning with the settings of a map where there is no file."""
+    from novelty.config import Config
+
+    return _changed(scene_map.config if file is None else Config.from_yaml(file), assignments, given)
+
+
+def _changed(config: Config, assignments: list[str] | None, given: dict[str, Any]) -> Config:
     changes = dict(_split(assignment) for assignment in assignments or [])
     changes |= {key: value for key, value in given.items() if value is not None}
     return config.replace(**changes) if changes else config

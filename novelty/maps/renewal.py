@@ -18,7 +18,7 @@ import gmmtorch
 from gmmtorch import FitResult, MixtureModel, PointClouds
 from novelty.config import Config
 from novelty.errors import InputError
-from novelty.fitting import _fitted_clouds as fitted_clouds
+from novelty.fitting import fitted_clouds
 from novelty.maps.compare import compare, most_common
 from novelty.maps.scene_map import SceneMap
 from novelty.maps.views import View, renewed_views

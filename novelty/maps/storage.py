@@ -31,7 +31,7 @@ def save_arrays(path: str | Path, arrays: Arrays, record: Mapping[str, Any]) -> 
     Raises:
         InputError: The file cannot be written.
     """
-    from safetensors.numpy import save_file
+    from safetensors.numpy import save
 
     arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     text = json.dumps(record)
@@ -43,7 +43,7 @@ def save_arrays(path: str | Path, arrays: Arrays, record: Mapping[str, Any]) -> 
         "sha256": _digest(arrays, text),
     }
     with replacing(path) as temporary:
-        save_file(arrays, temporary, metadata=metadata)
+        temporary.write_bytes(save(arrays, metadata=metadata))
 
 
 def load_arrays(path: str | Path) -> tuple[Arrays, dict[str, Any]]:
