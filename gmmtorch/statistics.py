@@ -14,14 +14,17 @@ Layout. The points of a cloud are sorted along a space-filling curve and cut int
 kept relative to the centre of their tile, so that float32 products lose nothing that matters. Every tile has an owner
 cloud, and one `bmm` serves clouds of any size: eta (G, K, F) times phi (G, F, T) gives logits (G, K, T), components on
 the rows. The tiles pass in chunks whose logits stay in the processor's cache. Padding points have weight 0.
+
+On a CPU with Numba installed, `gmmtorch.fused` makes the same pass in one compiled loop.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
+from importlib.util import find_spec
 
 import torch
 from torch import Tensor
@@ -125,6 +128,13 @@ class Tiles:
         return torch.cat(parts) if parts else self.storage.centers[:0]
 
     @cached_property
+    def places(self) -> Tensor:
+        """Where every tile lies in the storage (G,) int64."""
+        return torch.tensor(
+            [place for _, start, length in self.runs for place in range(start, start + length)]
+        )
+
+    @cached_property
     def runs(self) -> tuple[tuple[int, int, int], ...]:
         """Stretches of tiles that lie one after the other in the storage: (tile, place in the storage, length)."""
         runs: list[tuple[int, int, int]] = []
@@ -192,25 +202,54 @@ def expectation(tiles: Tiles, components: Components, floor: Tensor) -> Statisti
         components: the mixtures, in the same coordinates.
         floor: standard deviation delta that belongs to every point (B,).
     """
-    dtype = tiles.dtype
+    fused = fused_pass() if tiles.storage.features.device.type == "cpu" else None
     precisions = components.precisions  # (B, K, D, D)
     slack = 0.5 * floor[:, None].square() * precisions.diagonal(dim1=-2, dim2=-1).sum(-1)  # (B, K)
     slack = torch.where(components.weights > 0, slack, 0.0)
-    to_center = tiles.centers[:, :, None] - _of_tile(components.means.transpose(1, 2), tiles)  # (G, D, K)
-    eta = _natural_parameters(components.log_scales - slack, precisions, to_center, tiles, dtype)
-    # Row 0 sums the responsibilities; row 1 sums them without the floor's share of the exponent.
-    sums = torch.stack([torch.zeros_like(slack), slack.clamp_max(_LARGEST_SLACK)], 1).exp().to(dtype)
-    moments, values = _pass_over_points(tiles, eta, _of_tile(sums, tiles))
-    totals = _sum_over_tiles(values.squeeze(-1).double(), tiles)  # (B, 2)
-    counts, first, second = _about_means(moments.double(), to_center, tiles)
+    # The factors that take the floor's share of the exponent back.
+    bare = slack.clamp_max(_LARGEST_SLACK).exp().to(tiles.dtype)
+    log_scales = components.log_scales - slack
+    if fused is None:
+        moments, values = _by_tensor_operations(tiles, log_scales, bare, precisions, components.means)
+    else:
+        stored = tiles.storage
+        moments, values = fused(
+            stored.features, stored.weights, stored.centers, tiles.places, tiles.owner,
+            log_scales, bare, precisions, components.means,
+        )  # fmt: skip
+        moments = _sum_over_tiles(moments.flatten(1), tiles).unflatten(1, moments.shape[1:])
+    totals = _sum_over_tiles(values, tiles)  # (B, 2)
+    counts, first, second = _parts(moments, components.means.shape[2])
     return Statistics(counts, first, second, components.means, totals[:, 0], totals[:, 1])
+
+
+@lru_cache(maxsize=1)
+def fused_pass() -> Callable[..., tuple[Tensor, Tensor]] | None:
+    """`gmmtorch.fused.moments_of_tiles`, or None where Numba is not installed."""
+    if find_spec("numba") is None:
+        return None
+    from gmmtorch.fused import moments_of_tiles
+
+    return moments_of_tiles
+
+
+def _by_tensor_operations(
+    tiles: Tiles, log_scales: Tensor, bare: Tensor, precisions: Tensor, means: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Moments of every cloud about the means (B, K, F), and the values of every tile (G, 2), float64."""
+    to_center = tiles.centers[:, :, None] - _of_tile(means.transpose(1, 2), tiles)  # (G, D, K)
+    eta = _natural_parameters(log_scales, precisions, to_center, tiles, tiles.dtype)
+    sums = torch.stack([torch.ones_like(bare), bare], 1)
+    moments, values = _pass_over_points(tiles, eta, _of_tile(sums, tiles))
+    return _about_means(moments.double(), to_center, tiles), values.squeeze(-1).double()
 
 
 def total_covariance(tiles: Tiles) -> Tensor:
     """Covariance of every whole cloud of a batch just built (B, D, D) float64, spreads included."""
     storage = tiles.storage
     moments = torch.bmm(storage.features, storage.weights.transpose(1, 2)).double()  # (G, F, 1)
-    counts, first, second = _about_means(moments, tiles.centers[..., None], tiles)
+    about_origin = _about_means(moments, tiles.centers[..., None], tiles)
+    counts, first, second = _parts(about_origin, tiles.centers.shape[1])
     counts = torch.where(counts > 0, counts, 1.0)[..., None]  # (B, 1, 1)
     mean = first / counts
     return (second / counts[..., None] - mean[..., :, None] * mean[..., None, :])[:, 0]
@@ -252,6 +291,9 @@ def _exp_below(logits: Tensor, peak: Tensor) -> Tensor:
 
 def log_likelihood(tiles: Tiles, components: Components) -> Tensor:
     """Total log-likelihood of every cloud, always in float64 (B,), nats in normalised coordinates."""
+    fused = fused_pass() if tiles.storage.features.device.type == "cpu" else None
+    if fused is not None:
+        return _sum_over_tiles(_values_in_double(tiles, components, fused), tiles)[:, 1]
     to_center = tiles.centers[:, :, None] - _of_tile(components.means.transpose(1, 2), tiles)
     eta = _natural_parameters(
         components.log_scales, components.precisions, to_center, tiles, torch.float64
@@ -265,6 +307,24 @@ def log_likelihood(tiles: Tiles, components: Components) -> Tensor:
         value = _exp_below(logits, peak).sum(1, keepdim=True).log_().add_(peak)
         per_tile[rows] = (value * storage.weights[stored]).sum(-1)
     return _sum_over_tiles(per_tile, tiles)[:, 0]
+
+
+def _values_in_double(
+    tiles: Tiles, components: Components, fused: Callable[..., tuple[Tensor, Tensor]]
+) -> Tensor:
+    """Values of every tile without a floor (G, 2), by the fused pass over features that are lifted in float64."""
+    storage, values = tiles.storage, []
+    parameters = components.log_scales, torch.ones_like(components.weights), components.precisions
+    for rows, stored in _chunks(tiles, components.weights.shape[1], torch.float64):
+        spreads = None if storage.spreads is None else storage.spreads[stored]
+        features = lift(storage.local[stored], spreads, torch.float64)
+        values.append(
+            fused(
+                features, storage.weights[stored].double(), storage.centers[stored],
+                torch.arange(features.shape[0]), tiles.owner[rows], *parameters, components.means,
+            )[1]
+        )  # fmt: skip
+    return torch.cat(values) if values else storage.centers.new_zeros(0, 2)
 
 
 def lift(local: Tensor, spreads: Tensor | None, dtype: torch.dtype) -> Tensor:
@@ -335,8 +395,8 @@ def _natural_parameters(
     return eta
 
 
-def _about_means(moments: Tensor, to_center: Tensor, tiles: Tiles) -> tuple[Tensor, Tensor, Tensor]:
-    """Shift the moments of every tile (G, F, K) float64 to the old means, in place, and add them up per cloud."""
+def _about_means(moments: Tensor, to_center: Tensor, tiles: Tiles) -> Tensor:
+    """Shift the moments of tiles (G, F, K) float64 to the old means, in place; add them up per cloud (B, K, F)."""
     dim = to_center.shape[1]
     count, first, second = moments[:, 0], moments[:, 1 : 1 + dim], moments[:, 1 + dim :]
     pairs = list(enumerate(zip(*linalg.triangle(dim), strict=True)))
@@ -346,10 +406,13 @@ def _about_means(moments: Tensor, to_center: Tensor, tiles: Tiles) -> tuple[Tens
         first[:, a].addcmul_(count, to_center[:, a])
     for i, (a, b) in pairs:
         second[:, i].addcmul_(to_center[:, a], first[:, b])
-    total = (
-        _sum_over_tiles(moments.flatten(1), tiles).unflatten(1, moments.shape[1:]).transpose(1, 2)
-    )  # (B, K, F)
-    return total[..., 0], total[..., 1 : 1 + dim], linalg.unpack_symmetric(total[..., 1 + dim :], dim)
+    return _sum_over_tiles(moments.flatten(1), tiles).unflatten(1, moments.shape[1:]).transpose(1, 2)
+
+
+def _parts(moments: Tensor, dim: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Counts (B, K), first (B, K, D) and second moments (B, K, D, D) of packed ones (B, K, F)."""
+    second = linalg.unpack_symmetric(moments[..., 1 + dim :], dim)
+    return moments[..., 0], moments[..., 1 : 1 + dim], second
 
 
 def _sum_over_tiles(values: Tensor, tiles: Tiles) -> Tensor:
