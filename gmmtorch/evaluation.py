@@ -202,7 +202,7 @@ def _exponentiate(logits: Tensor, peak: Tensor) -> Tensor:
     """exp(logits - peak) in place; returns the sum over the components (T,), 0 where the mixture is empty."""
     lowest = torch.finfo(logits.dtype).min  # -inf - -inf would be NaN
     logits.sub_(peak.clamp_min(lowest)).clamp_(min=_CLAMP).exp_()
-    return torch.nn.functional.threshold_(logits, _NOTHING, 0.0).sum(0)
+    return torch.threshold_(logits, _NOTHING, 0.0).sum(0)
 
 
 def _reciprocal(total: Tensor) -> Tensor:

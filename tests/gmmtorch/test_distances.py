@@ -209,9 +209,35 @@ def test_a_batch_equals_its_members_and_float32_input_is_raised_to_float64():
         assert single.dtype == torch.float64
 
 
+def test_hellinger_distance_equals_its_integral():
+    generator = np.random.default_rng(7)
+    factors = [generator.normal(size=(1, k, 3, 3)) for k in (2, 3)]
+    a, b = (torch.from_numpy(f @ f.swapaxes(2, 3) + 0.1 * np.eye(3)) for f in factors)
+    mean_a, mean_b = (torch.from_numpy(generator.normal(size=(1, k, 3))) for k in (2, 3))
+    axis = np.linspace(-16, 16, 100)
+    grid = torch.from_numpy(np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3))
+
+    def roots(means, covariances):
+        normal = torch.distributions.MultivariateNormal(means[0][:, None], covariances[0][:, None])
+        return normal.log_prob(grid).exp().sqrt()  # (K, N)
+
+    overlap = roots(mean_a, a) @ roots(mean_b, b).T * (axis[1] - axis[0]) ** 3
+    found = distances.hellinger_distance(mean_a, a, mean_b, b)[0]
+    torch.testing.assert_close(found.square(), 1 - overlap, atol=2e-3, rtol=0)
+
+
+def test_hellinger_distance_keeps_its_bounds():
+    generator = np.random.default_rng(8)
+    a = torch.from_numpy(random_covariances(generator, 4, 1e3)).reshape(1, 4, 3, 3)
+    means = torch.from_numpy(generator.normal(size=(1, 4, 3)))
+    far = distances.hellinger_distance(means, a, means + 1e6, a)
+    torch.testing.assert_close(far, torch.ones(1, 4, 4, dtype=torch.float64))
+    assert distances.hellinger_distance(means, a, means, a)[0].diagonal().max() < 1e-6
+
+
 def test_an_unknown_ground_distance_names_the_known_ones():
     empty = torch.zeros(1, 1, 3), torch.eye(3)[None, None]
-    with pytest.raises(ValueError, match="mean, bures, combined"):
+    with pytest.raises(ValueError, match="mean, bures, combined, hellinger"):
         distances.ground_distance("euclid", *empty, *empty)
 
 

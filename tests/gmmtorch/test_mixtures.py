@@ -128,6 +128,59 @@ def test_damaged_files_are_refused(mixtures, tmp_path):
         GaussianMixtures.load(path)
 
 
+@pytest.mark.parametrize("cells", [False, True])
+def test_one_pass_gives_what_each_call_gives(mixtures, cells):
+    spreads = [np.tile(0.01 * np.eye(3), (n, 1, 1)) for n in (300, 70)] if cells else None
+    weights = [np.linspace(0.5, 2, n) for n in (300, 70)]
+    clouds = clouds_of(room(300), room(70, 1), weights=weights, spreads=spreads)
+    found = mixtures.posterior(clouds)
+    assert torch.equal(found.log_prob, mixtures.log_prob(clouds))
+    assert torch.equal(found.responsibilities, mixtures.responsibilities(clouds))
+    assert torch.equal(found.components, mixtures.assign(clouds))
+    claims = clouds.split(found.responsibilities * clouds.weights[:, None])
+    torch.testing.assert_close(mixtures.expected_counts(clouds), torch.stack([c.sum(0) for c in claims]))
+
+
+def test_thin_components_on_a_far_map_keep_their_digits():
+    # A turned wall, 1 cm thick and 20 m long. Coordinates are rounded so that the shift itself loses nothing.
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    covariance = turn @ np.diag([1e-4, 25.0, 1.0]) @ turn.T
+    points = np.round(np.random.default_rng(1).normal(size=(500, 3)) * [1e-2, 5, 1] @ turn.T * 2**20) / 2**20
+    there = np.array([5e5, 4e6, 128.0])
+    here, far = (
+        GaussianMixtures.from_arrays([1.0], shift[None], covariance[None]).log_prob(clouds_of(points + shift))
+        for shift in (np.zeros(3), there)
+    )
+    expected = multivariate_normal(np.zeros(3), covariance).logpdf(points)
+    np.testing.assert_allclose(here.numpy(), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(far.numpy(), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_components_out_of_reach_claim_exactly_nothing():
+    mixture = GaussianMixtures.from_arrays(
+        [0.5, 0.5], [[0.0, 0, 0], [1e3, 0, 0]], np.stack([np.eye(3)] * 2)
+    ).pad(3)
+    clouds = clouds_of(np.zeros((4, 3)), spreads=None)
+    assert mixture.responsibilities(clouds)[0].tolist() == [1.0, 0.0, 0.0]
+    assert mixture.expected_counts(clouds)[0].tolist() == [4.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("chunk", [1, 40, 1000])
+def test_how_points_are_cut_into_chunks_does_not_matter(mixtures, monkeypatch, chunk):
+    clouds = clouds_of(room(300), room(70, 1))
+    whole = mixtures.posterior(clouds)
+    monkeypatch.setattr("gmmtorch.evaluation._CHUNK", chunk)
+    pieces = mixtures.posterior(clouds)
+    torch.testing.assert_close(pieces.log_prob, whole.log_prob, rtol=1e-12, atol=0)
+    torch.testing.assert_close(pieces.responsibilities, whole.responsibilities, rtol=1e-10, atol=1e-14)
+    torch.testing.assert_close(
+        mixtures.expected_counts(clouds),
+        whole.responsibilities.new_tensor(
+            np.stack([r.sum(0).numpy() for r in clouds.split(whole.responsibilities)])
+        ),
+    )
+
+
 def test_selecting_padding_and_trimming(mixtures):
     assert mixtures.batch_size == len(mixtures) == 2
     assert mixtures.num_slots == 4
