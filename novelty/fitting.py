@@ -84,7 +84,7 @@ def fit_scans(sides: Sequence[PreparedScans], plan: FitPlan) -> FitResult:
     if not isinstance(max_components, int):
         max_components = [*max_components] * len(sides)
     return gmmtorch.fit_mdl(
-        PointClouds.concatenate([_fitted_clouds(scans, plan.settings) for scans in sides]),
+        PointClouds.concatenate([fitted_clouds(scans, plan.settings) for scans in sides]),
         max_components=max_components,
         initializer=plan.settings.initializer,
         n_init=plan.settings.n_init,
@@ -93,9 +93,10 @@ def fit_scans(sides: Sequence[PreparedScans], plan: FitPlan) -> FitResult:
     )
 
 
-def _fitted_clouds(scans: PreparedScans, settings: Fit) -> PointClouds:
+def fitted_clouds(scans: PreparedScans, settings: Fit) -> PointClouds:
+    """The cells of every scan as the settings let the fit see them."""
     clouds = scans.cells if settings.moments == "spread" else scans.cells.centroids()
     return clouds.to(dtype=torch.float32 if settings.precision == "float32" else torch.float64)
 
 
-__all__ = ["Fit", "FitPlan", "GaussianMixtures", "Models", "fit_independently", "fit_scans"]
+__all__ = ["Fit", "FitPlan", "GaussianMixtures", "Models", "fit_independently", "fit_scans", "fitted_clouds"]

@@ -11,8 +11,10 @@ from novelty.detectors import (
     ComponentNovelty,
     Detector,
     GreedyEmd,
+    JointMixture,
     Likelihood,
     StructuralMatching,
+    UnbalancedEmd,
 )
 from novelty.fitting import Fit, FitPlan, Models
 from novelty.preprocess import PreparedPairs, Preprocess, prepare
@@ -23,6 +25,8 @@ DETECTORS = [
     GreedyEmd(),
     GreedyEmd(fits="independent"),
     StructuralMatching(),
+    UnbalancedEmd(),
+    JointMixture(),
 ]
 """A new detector joins every test below by one line."""
 
@@ -36,7 +40,7 @@ each_detector = pytest.mark.parametrize(
 
 each_steady_detector = pytest.mark.parametrize(
     "detector",
-    [d for d in DETECTORS if getattr(d, "fits", "coupled") == "coupled"],
+    [d for d in DETECTORS if getattr(d, "fits", "coupled") != "independent"],
     ids=lambda d: type(d).__name__,
 )
 """Two independent fits may cut a wall in two ways, which a comparison of components takes for novelty."""

@@ -6,7 +6,6 @@ import torch
 
 from gmmtorch import GaussianMixtures
 from gmmtorch.distances import covariance_distance
-from novelty.detectors.ground import ground_distances, hellinger_distance
 from novelty.detectors.quantiles import weighted_quantiles
 from novelty.detectors.resolution import blurred
 from novelty.detectors.scaled_graphs import build_scaled_graphs, scaled_mean_distance
@@ -41,29 +40,6 @@ def mixtures(rng, count: int) -> GaussianMixtures:
         rng.normal(size=(1, count, 3)),
         root @ root.swapaxes(2, 3) + 0.1 * np.eye(3),
     )
-
-
-def test_hellinger_distance_equals_its_integral(rng):
-    a, b = mixtures(rng, 2), mixtures(rng, 3)
-    axis = np.linspace(-14, 14, 90)
-    grid = torch.from_numpy(np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3))
-
-    def densities(m):
-        normal = torch.distributions.MultivariateNormal(m.means[0][:, None], m.covariances[0][:, None])
-        return normal.log_prob(grid).exp()  # (K, N)
-
-    roots_a, roots_b = densities(a).sqrt(), densities(b).sqrt()
-    overlap = roots_a @ roots_b.T * (axis[1] - axis[0]) ** 3
-    torch.testing.assert_close(hellinger_distance(a, b)[0].square(), 1 - overlap, atol=2e-3, rtol=0)
-
-
-def test_hellinger_distance_keeps_its_bounds(rng):
-    a = mixtures(rng, 4)
-    far = GaussianMixtures.from_arrays(a.weights, a.means + 1e3, a.covariances)
-    torch.testing.assert_close(hellinger_distance(a, far), torch.ones(1, 4, 4, dtype=torch.float64))
-    itself = hellinger_distance(a, a)
-    assert itself[0].diagonal().max() < 1e-6
-    torch.testing.assert_close(ground_distances("hellinger", a, a, 1.0), itself)
 
 
 def test_blurring_adds_a_variance_per_pair():
