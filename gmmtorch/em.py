@@ -152,6 +152,23 @@ def run_em(
 ) -> EMState:
     """EM until the gain is at most the tolerance, for all clouds or for these (host-known).
 
+    In float32 a gain is uncertain by about as much as the tolerance of "mdl", so that a stop would be an accident: the
+    iterations that decide it are made in float64, from where float32 has stopped, again at most `max_iterations`.
+    """
+    state = _run(workload, start, max_iterations, clouds)
+    if workload.tolerance is None or workload.tiles.dtype == torch.float64:
+        return state
+    precise = _run(
+        replace(workload, tiles=workload.tiles.in_double), state.components, max_iterations, clouds
+    )
+    return replace(precise, num_iterations=state.num_iterations + precise.num_iterations)
+
+
+def _run(
+    workload: Workload, start: Components, max_iterations: int, clouds: Sequence[int] | None
+) -> EMState:
+    """EM in the precision of the workload.
+
     A cloud that has converged is frozen; when the frozen ones make up enough of the work, the others are repacked
     without them. No iteration synchronises the device, except to look at convergence now and then.
     """
@@ -241,8 +258,8 @@ def final_status(problem: Problem, state: EMState, before: Sequence[Status], mus
 
 
 def _evaluated(workload: Workload, state: EMState) -> EMState:
-    """The state with its log-likelihood in float64, whatever the precision of the iterations."""
-    if workload.tiles.dtype == torch.float64:
+    """The state with its log-likelihood in float64, unless iterations in float64 will follow."""
+    if workload.tiles.dtype == torch.float64 or workload.tolerance is not None:
         return state
     return replace(state, log_likelihood=log_likelihood(workload.tiles, state.components))
 

@@ -65,6 +65,12 @@ class Storage:
         spreads = None if self.spreads is None else self.spreads[rows]
         return Storage(self.local[rows], spreads, self.weights[rows], self.features[rows], self.centers[rows])
 
+    @cached_property
+    def in_double(self) -> Storage:
+        """The same points for arithmetic in float64."""
+        features = lift(self.local, self.spreads, torch.float64)
+        return Storage(self.local, self.spreads, self.weights.double(), features, self.centers)
+
 
 @dataclass(frozen=True)
 class Tiles:
@@ -100,6 +106,11 @@ class Tiles:
             self.storage, tuple(self.first[b] for b in clouds), tuple(self.counts[b] for b in clouds)
         )
         return picked._without_short_runs()
+
+    @property
+    def in_double(self) -> Tiles:
+        """The same batch for arithmetic in float64."""
+        return Tiles(self.storage.in_double, self.first, self.counts)
 
     @property
     def batch_size(self) -> int:

@@ -181,13 +181,13 @@ def test_hostile_clouds_give_numbers(dtype):
 
 
 def test_float32_chooses_like_float64():
-    points = [room(4000, seed) for seed in range(4)]
+    points = [room(4000, seed) for seed in range(10)]
     double, single = (
         fit_mdl(PointClouds.from_list(points, dtype=d), 12) for d in (torch.float64, torch.float32)
     )
     same_order = double.mixtures.num_components == single.mixtures.num_components
-    close = (double.mdl - single.mdl).abs() <= merge_saving(torch.full((4,), 4000.0), 3)
-    assert (same_order & close).sum() >= 3  # a stop rule met by a hair sends the search another way
+    close = (double.mdl - single.mdl).abs() <= merge_saving(torch.full((10,), 4000.0), 3)
+    assert (same_order & close).sum() >= 9  # of ten: a plateau of EM may be left in another direction
 
 
 def test_more_initialisations_are_never_worse():
