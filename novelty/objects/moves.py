@@ -138,14 +138,12 @@ def _lengths(things: Things) -> dict[int, float]:
 
 def _best_move(pair: tuple[int, int], removed: Things, added: Things, resolution: float, up: Array) -> Move:
     """The motion of the highest agreement."""
-    views = [
-        _View.of(things.points[index], things.stations, resolution)
-        for things, index in zip((removed, added), pair, strict=True)
-    ]
-    overlays = _overlays(views[0].sample, views[1].sample, max(view.tolerance for view in views), up)
+    before = _View.of(removed.points[pair[0]], removed.stations, resolution)
+    after = _View.of(added.points[pair[1]], added.stations, resolution)
+    overlays = _overlays(before.sample, after.sample, max(before.tolerance, after.tolerance), up)
     motions = np.tile(np.eye(4), (len(overlays.shifts), 1, 1))
     motions[:, :3, :3], motions[:, :3, 3] = overlays.rotations.numpy(), overlays.shifts.numpy()
-    agreements = [_agreement(motion, *views, resolution) for motion in motions]
+    agreements = [_agreement(motion, before, after, resolution) for motion in motions]
     best = int(np.argmax(agreements))
     return Move(*pair, motion=motions[best], agreement=agreements[best])
 
