@@ -8,7 +8,9 @@ import torch
 from torch import Tensor
 
 from gmmtorch import GaussianMixtures, PointClouds
+from gmmtorch.components import Components
 from novelty.detectors.quantiles import weighted_quantiles
+from novelty.detectors.shared_mixture import packed_mixtures
 from novelty.fitting import Models
 from novelty.preprocess.prepared import PreparedPairs
 
@@ -74,32 +76,27 @@ class _Pool:
         masses = torch.cat(
             [current.weights * current_points[:, None], reference.weights * reference_points[:, None]], 1
         )
-        # A reference component stands in the place of its copy among the current ones, or else in its own.
-        equal = _equal(current, reference)  # (P, K, K')
-        own = current.num_slots + torch.arange(reference.num_slots, device=masses.device)
-        stands_in = torch.where(equal.any(1), equal.int().argmax(1), own)
-        places = torch.cat(
-            [torch.arange(current.num_slots, device=masses.device).expand_as(current.weights), stands_in], 1
-        )
+        places = _places(current, reference)
         together = torch.zeros_like(masses).scatter_add_(1, places, masses)
-        # The places that are filled move to the front.
-        filled = together > 0
-        order = filled.logical_not().byte().argsort(dim=1, stable=True)[:, : max(1, int(filled.sum(1).max()))]
-        distinct = GaussianMixtures(
-            weights=(
-                together / together.sum(1, keepdim=True).clamp_min(torch.finfo(masses.dtype).tiny)
-            ).gather(1, order),
-            means=_rows(torch.cat([current.means, reference.means], 1), order),
-            covariances=_rows(torch.cat([current.covariances, reference.covariances], 1), order),
-            num_components=filled.sum(1),
+        means = torch.cat([current.means, reference.means], 1)
+        covariances = torch.cat([current.covariances, reference.covariances], 1)
+        return cls(
+            distinct=packed_mixtures(Components.create(together, means, covariances)),
+            places=((together > 0).cumsum(1) - 1).clamp_min(0).gather(1, places),
+            parts=torch.where(masses > 0, masses / together.gather(1, places), 0.0),
         )
-        front = (filled.cumsum(1) - 1).clamp_min(0).gather(1, places)
-        parts = torch.where(masses > 0, masses / together.gather(1, places), 0.0)
-        return cls(distinct, front, parts)
 
     def counts(self, cells: PointClouds) -> Tensor:
         """Expected number of points of every component of both mixtures (P, K + K')."""
         return self.distinct.expected_counts(cells).gather(1, self.places) * self.parts
+
+
+def _places(current: GaussianMixtures, reference: GaussianMixtures) -> Tensor:
+    """Of all components in a row, which one each is: itself, or for the reference's its current copy (P, K + K')."""
+    numbers = torch.arange(current.num_slots + reference.num_slots, device=current.weights.device)
+    own, others = numbers.expand(len(current), -1).split([current.num_slots, reference.num_slots], dim=1)
+    equal = _equal(current, reference)  # (P, K, K')
+    return torch.cat([own, torch.where(equal.any(1), equal.int().argmax(1), others)], 1)
 
 
 def _equal(a: GaussianMixtures, b: GaussianMixtures) -> Tensor:
@@ -107,8 +104,3 @@ def _equal(a: GaussianMixtures, b: GaussianMixtures) -> Tensor:
     same_means = (a.means[:, :, None] == b.means[:, None, :]).all(-1)
     same_shapes = (a.covariances[:, :, None] == b.covariances[:, None, :]).flatten(3).all(-1)
     return same_means & same_shapes & a.mask[:, :, None] & b.mask[:, None, :]
-
-
-def _rows(values: Tensor, index: Tensor) -> Tensor:
-    """values[p, index[p, k]]: (P, K, ...) and (P, J) -> (P, J, ...)."""
-    return values[torch.arange(len(values), device=values.device)[:, None], index]

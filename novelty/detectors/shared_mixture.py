@@ -107,7 +107,7 @@ def _split(
         torch.cat([mixtures.means, before.means, after.means], 1),
         torch.cat([mixtures.covariances, before.covariances, after.covariances], 1),
     )
-    return _packed(parts)
+    return packed_mixtures(parts)
 
 
 def _blurred_moments(mixtures: GaussianMixtures, cells: PointClouds, resolution: Tensor) -> Moments:
@@ -147,7 +147,7 @@ def _share_of(cells: PointClouds, fit: FitResult) -> FitResult:
     counts = shared.expected_counts(cells)
     held = torch.where(counts >= 1, counts, 0.0)
     own = Components.create(held, shared.means, shared.covariances)
-    mixtures = _packed(own)
+    mixtures = packed_mixtures(own)
     log_prob = torch.where(cells.weights > 0, mixtures.log_prob(cells), 0.0) * cells.weights
     empty = mixtures.num_components == 0
     return FitResult(
@@ -160,7 +160,7 @@ def _share_of(cells: PointClouds, fit: FitResult) -> FitResult:
     )
 
 
-def _packed(components: Components) -> GaussianMixtures:
+def packed_mixtures(components: Components) -> GaussianMixtures:
     """The components that are present, in order."""
     packed = components.compact(components.weights.shape[1])
     return GaussianMixtures(packed.weights, packed.means, packed.covariances, packed.num_components).trim()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from gmmtorch import GaussianMixtures
 from novelty.detectors import JointMixture
 from novelty.detectors.balance import log_density_ratio, pooled_counts
 from novelty.fitting import Fit, FitPlan, Models, fit_independently
@@ -118,3 +119,19 @@ def test_roles_exchange_and_pairs_do_not_disturb_each_other():
     assert not together.added.novel[2].any()
     assert "reference" in together.notes[2][0]
     assert together.p_value[2].isnan()
+
+
+def test_shared_components_are_counted_as_if_each_stood_there_twice():
+    batch = pairs((blobs([0, 5, 9], 1), blobs([0, 5, 20], 2)), (blobs([0], 3), blobs([0, 5], 4)))
+    models = JointMixture().fit(batch, PLAN)
+    sides = models.current.mixtures, models.reference.mixtures
+    sizes = batch.current.cells.total_weights, batch.reference.cells.total_weights
+    weights = torch.cat([m.weights * n[:, None] for m, n in zip(sides, sizes, strict=True)], 1)
+    twice = GaussianMixtures(
+        weights / weights.sum(1, keepdim=True),
+        torch.cat([m.means for m in sides], 1),
+        torch.cat([m.covariances for m in sides], 1),
+        (weights > 0).sum(1),
+    )
+    for found, side in zip(pooled_counts(batch, models), (batch.current, batch.reference), strict=True):
+        torch.testing.assert_close(found, twice.expected_counts(side.cells), rtol=1e-9, atol=1e-9)
