@@ -164,9 +164,7 @@ def run_em(
     return replace(precise, num_iterations=state.num_iterations + precise.num_iterations)
 
 
-def _run(
-    workload: Workload, start: Components, max_iterations: int, clouds: Sequence[int] | None
-) -> EMState:
+def _run(workload: Workload, start: Components, max_iterations: int, clouds: Sequence[int] | None) -> EMState:
     """EM in the precision of the workload.
 
     A cloud that has converged is frozen; when the frozen ones make up enough of the work, the others are repacked
