@@ -245,17 +245,25 @@ def main() -> None:
     parser.add_argument(
         "--sizes", type=int, nargs="+", default=[10_000, 30_000, 100_000], help="points for EM"
     )
+    parser.add_argument(
+        "--small",
+        action="store_true",
+        help="tiny inputs and no batches: whether it runs, no figures to quote",
+    )
     arguments = parser.parse_args()
+    sizes, order_sizes, num_clouds, large = tuple(arguments.sizes), (10_000, 30_000), 10, 2_000_000
+    if arguments.small:
+        sizes, order_sizes, num_clouds, large = (2_000,), (1_000,), 2, 50_000
     commit = subprocess.run(
         ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
     )
     print(f"{platform.processor() or platform.machine()}, {torch.get_num_threads()} threads, torch "
           f"{torch.__version__}, gmmtorch {commit.stdout.strip() or 'installed'}")  # fmt: skip
     parts = {
-        "memory": lambda: iter([memory(2_000_000)]),
-        "em": lambda: fixed_order(arguments.runs, tuple(arguments.sizes)),
-        "order": lambda: (row for n in (10_000, 30_000) for row in order_search(n, 10)),
-        "batches": lambda: batches(arguments.runs),
+        "memory": lambda: iter([memory(large)]),
+        "em": lambda: fixed_order(1 if arguments.small else arguments.runs, sizes),
+        "order": lambda: (row for n in order_sizes for row in order_search(n, num_clouds)),
+        "batches": lambda: iter(()) if arguments.small else batches(arguments.runs),
     }
     print(f"{'':<58} {'ours (s)':>9} {'peer (s)':>9}  {'ratio':>6}  peer")
     for name, rows in parts.items():
