@@ -253,7 +253,7 @@ def main() -> None:
     arguments = parser.parse_args()
     sizes, order_sizes, num_clouds, large = tuple(arguments.sizes), (10_000, 30_000), 10, 2_000_000
     if arguments.small:
-        sizes, order_sizes, num_clouds, large = (2_000,), (1_000,), 2, 50_000
+        sizes, order_sizes, num_clouds, large = (10_000,), (1_000,), 2, 50_000
     commit = subprocess.run(
         ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
     )
