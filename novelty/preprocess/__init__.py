@@ -6,4 +6,12 @@ from novelty.preprocess.prepared import PreparedPairs, PreparedScans
 from novelty.preprocess.settings import Preprocess
 from novelty.preprocess.units import metres_per
 
-__all__ = ["PreparedPairs", "PreparedScans", "Preprocess", "check_scan", "metres_per", "prepare", "prepare_pairs"]
+__all__ = [
+    "PreparedPairs",
+    "PreparedScans",
+    "Preprocess",
+    "check_scan",
+    "metres_per",
+    "prepare",
+    "prepare_pairs",
+]

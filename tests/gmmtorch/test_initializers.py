@@ -61,4 +61,6 @@ def test_merged_treats_a_cell_as_its_points():
     of_points = merged_groups(PointClouds.from_list([np.concatenate(cells)]), [3])
     order, other = of_cells.means[0].argmax(0), of_points.means[0].argmax(0)
     torch.testing.assert_close(of_cells.means[0][order], of_points.means[0][other], rtol=0, atol=1e-9)
-    torch.testing.assert_close(of_cells.covariances[0][order], of_points.covariances[0][other], rtol=0, atol=1e-9)
+    torch.testing.assert_close(
+        of_cells.covariances[0][order], of_points.covariances[0][other], rtol=0, atol=1e-9
+    )

@@ -1,5 +1,6 @@
 """The configuration: what it refuses, and the file that documents it."""
 
+import itertools
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,7 @@ def test_the_default_file_is_the_defaults_key_by_key():
 
 def test_every_key_of_the_default_file_stands_under_a_comment():
     lines = DEFAULT_FILE.read_text(encoding="utf-8").splitlines()
-    for before, line in zip(lines, lines[1:], strict=False):
+    for before, line in itertools.pairwise(lines):
         if line.strip() and not line.lstrip().startswith("#"):
             assert before.lstrip().startswith("#"), line
 
