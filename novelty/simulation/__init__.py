@@ -8,6 +8,15 @@ True
 
 from novelty.simulation.changes import CHANGES, apply_changes
 from novelty.simulation.drive import Drive, drive, measure_drive
+from novelty.simulation.experiments import (
+    Analysis,
+    Case,
+    Experiment,
+    ExperimentPair,
+    Setup,
+    experiment_names,
+    load_experiment,
+)
 from novelty.simulation.measure import Measurement, measure, simulate
 from novelty.simulation.meshes import Mesh, join, load_mesh
 from novelty.simulation.pairs import (
@@ -31,15 +40,20 @@ __all__ = [
     "CHANGES",
     "SCENES",
     "SENSORS",
+    "Analysis",
     "Body",
     "BodyState",
+    "Case",
     "Drive",
+    "Experiment",
+    "ExperimentPair",
     "Measurement",
     "Mesh",
     "PairOptions",
     "RayScene",
     "Scene",
     "Sensor",
+    "Setup",
     "SimulatedPair",
     "Truth",
     "World",
@@ -48,9 +62,11 @@ __all__ = [
     "corridor_pair",
     "demo_pair",
     "drive",
+    "experiment_names",
     "find_truth",
     "get_sensor",
     "join",
+    "load_experiment",
     "load_mesh",
     "make_pose",
     "make_scene",

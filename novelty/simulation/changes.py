@@ -11,7 +11,7 @@ from novelty.simulation import furniture
 from novelty.simulation.meshes import Mesh
 from novelty.simulation.poses import FloatArray, inverse, make_pose, transform
 from novelty.simulation.raycast import RayScene
-from novelty.simulation.scenes import Scene, ahead, footprints
+from novelty.simulation.scenes import Scene, footprints
 from novelty.simulation.world import World
 
 CLEARANCE = 0.08
@@ -49,8 +49,7 @@ def open_door(scene: Scene, world: World, rng: np.random.Generator, size: float 
     closed = [name for name in scene.open_doors if world.bodies[name].pose is scene.world.bodies[name].pose]
     if not closed:
         raise InputError(f"The scene {scene.name!r} has no closed door left to open.")
-    focus = ahead(scene.viewpoint, 3.0)
-    distance = [np.linalg.norm(world.bodies[name].vertices.mean(axis=0) - focus) for name in closed]
+    distance = [np.linalg.norm(world.bodies[name].vertices.mean(axis=0) - scene.aim) for name in closed]
     near = [name for name, far in zip(closed, distance, strict=True) if far <= min(distance) + 1]
     door = str(rng.choice(near))
     return world.move(door, scene.open_doors[door])
@@ -116,9 +115,8 @@ def apply_changes(
 
 def _insert(scene: Scene, world: World, name: str, mesh: Mesh, rng: np.random.Generator) -> World:
     number = 1 + sum(other.split(" ")[0] == name for other in world.bodies)
-    for reach, bearing in ((2.0, 25.0), (5.0, 180.0)):  # where a depth camera would see it, else anywhere
-        near = ahead(scene.viewpoint, 3.0)
-        pose = _free_spot(scene, world, mesh, rng, near=near, reach=reach, bearing=bearing)
+    for reach, bearing in scene.search:
+        pose = _free_spot(scene, world, mesh, rng, near=scene.aim, reach=reach, bearing=bearing)
         if pose is not None:
             return world.add(f"{name} {number}", mesh, pose)
     raise InputError(
@@ -157,7 +155,7 @@ def _free_spot(
     if (low >= high).any():
         return None
     spots = rng.uniform(low, high, (400, 2))
-    rectangles = footprints(world)
+    rectangles = np.concatenate([footprints(world), scene.keep_free])
     nearest = np.clip(spots[:, None], rectangles[None, :, 0], rectangles[None, :, 1])  # (spots, objects, 2)
     gap = np.linalg.norm(nearest - spots[:, None], axis=2).min(axis=1)
     seen_at = transform(inverse(scene.viewpoint), np.column_stack([spots, np.zeros(len(spots))]))

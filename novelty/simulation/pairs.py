@@ -9,10 +9,10 @@ from typing import TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from novelty.errors import InputError
 from novelty.scan import ScanPair
 from novelty.simulation.changes import apply_changes
-from novelty.simulation.measure import Measurement, as_poses, measure
+from novelty.simulation.drive import Drive, drive, measure_drive
+from novelty.simulation.measure import Measurement, as_poses
 from novelty.simulation.patterns import PushBroom
 from novelty.simulation.poses import FloatArray, random_motion
 from novelty.simulation.raycast import RayScene
@@ -20,6 +20,9 @@ from novelty.simulation.scenes import Scene, make_scene
 from novelty.simulation.sensors import Sensor, get_sensor
 from novelty.simulation.truth import Truth, find_truth
 from novelty.simulation.world import World
+
+ROBOT_SENSOR_HEIGHT = 0.5
+"""Height of the laser of a driving robot above the floor, m: on the deck of a Pioneer 3-AT."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,10 @@ class PairOptions(TypedDict, total=False):
         viewpoint_shift: How far the sensor moves sideways and ahead between the scans, m; 0.
         pose_error: Wrong placement of the current scan: shift (m) and turn (degrees); (0, 0).
         object_size: Of new objects, m (height of a person or box, diameter of a cylinder).
+        reverse: Whether the changed world is scanned first, so that what was added is then removed; False.
+        drift: Error of the localisation of a sensor that scans while it drives, see `drive`; (0, 0).
+        mounting: Roll and pitch of such a sensor that the localisation does not know of, degrees; (0, 0).
+        name: Of the pair; the scene and the seed.
     """
 
     sensor: str | Sensor
@@ -62,6 +69,10 @@ class PairOptions(TypedDict, total=False):
     viewpoint_shift: float
     pose_error: tuple[float, float]
     object_size: float | None
+    reverse: bool
+    drift: tuple[float, float]
+    mounting: tuple[float, float]
+    name: str
 
 
 def demo_pair(seed: int = 0) -> ScanPair:
@@ -93,7 +104,7 @@ def office_pair(
 def simulate_pair(
     scene: str | Scene, seed: int = 0, changes: Sequence[str] = (), **options: Unpack[PairOptions]
 ) -> SimulatedPair:
-    """Scan a scene, change it, scan it again.
+    """Scan a scene, change it, scan it again. A sensor that scans while it drives follows the scene's path.
 
     Args:
         scene: A scene, or the name of a generator in `SCENES`, which is called with `seed`.
@@ -103,21 +114,25 @@ def simulate_pair(
         **options: See `PairOptions`.
 
     Raises:
-        InputError: An unknown scene, sensor or change, a sensor that scans only while it drives, or no room for a
-            new object.
+        InputError: An unknown scene, sensor or change, a sensor that scans only while it drives in a scene without
+            path, or no room for a new object.
     """
     place = make_scene(scene, seed) if isinstance(scene, str) else scene
-    changing, moving, first, second, erring = [
-        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)
+    changing, moving, first, second, erring, *drifting = [
+        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)
     ]
-    after = apply_changes(place, tuple(changes), changing, options.get("object_size"))
     sensor = _sensor(options)
-    poses = _poses(place, options, moving)
-    scenes = RayScene(place.world), RayScene(after)
-    reference = measure(scenes[0], sensor, poses[0], first)
-    current = measure(scenes[1], sensor, poses[1], second)
-    error = _about(poses[1][0, :3, 3], random_motion(*options.get("pose_error", (0.0, 0.0)), erring))
-    return pair_up(reference, current.believed_at(error @ poses[1]), f"{place.name}-{seed}")
+    if isinstance(sensor.pattern, PushBroom):
+        place = place.with_free_path()
+    worlds = [place.world, apply_changes(place, tuple(changes), changing, options.get("object_size"))]
+    if options.get("reverse", False):
+        worlds.reverse()
+    ways = _ways(place, sensor, options, moving, drifting)
+    reference = measure_drive(RayScene(worlds[0]), sensor, ways[0], first)
+    current = measure_drive(RayScene(worlds[1]), sensor, ways[1], second)
+    error = _about(ways[1].poses[0, :3, 3], random_motion(*options.get("pose_error", (0.0, 0.0)), erring))
+    misplaced = current.believed_at(error @ current.believed)
+    return pair_up(reference, misplaced, options.get("name", f"{place.name}-{seed}"))
 
 
 def pair_up(reference: Measurement, current: Measurement, name: str = "") -> SimulatedPair:
@@ -133,13 +148,28 @@ def pair_up(reference: Measurement, current: Measurement, name: str = "") -> Sim
 
 def _sensor(options: PairOptions) -> Sensor:
     sensor = get_sensor(options.get("sensor", "utm_30lx")).with_density(options.get("density", 1.0))
-    if isinstance(sensor.pattern, PushBroom):
-        raise InputError(
-            f"The sensor {sensor.name} scans while it drives: use `drive` and `measure_drive` for both worlds, "
-            "then `pair_up`."
-        )
     noise = options.get("noise")
     return sensor if noise is None else sensor.with_noise(noise)
+
+
+def _ways(
+    scene: Scene,
+    sensor: Sensor,
+    options: PairOptions,
+    rng: np.random.Generator,
+    drifting: Sequence[np.random.Generator],
+) -> tuple[Drive, Drive]:
+    """Where the sensor was in the reference and in the current scan."""
+    if scene.path is None or not isinstance(sensor.pattern, PushBroom):
+        standing = _poses(scene, options, rng)
+        return Drive(standing[0], standing[0]), Drive(standing[1], standing[1])
+    places = np.column_stack([scene.path, np.full(len(scene.path), ROBOT_SENSOR_HEIGHT)])
+    spacing, mounting = sensor.pattern.spacing, options.get("mounting", (0.0, 0.0))
+    drift = options.get("drift", (0.0, 0.0))
+    there, again = (
+        drive(*places, spacing=spacing, drift=drift, mounting=mounting, rng=rng) for rng in drifting
+    )
+    return there, again
 
 
 def _poses(scene: Scene, options: PairOptions, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

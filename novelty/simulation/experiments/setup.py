@@ -1,0 +1,57 @@
+"""What one case of an experiment is made of: the place, the platform, the change."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from novelty.section import section
+
+
+@section
+class Setup:
+    """One simulated pair but for its random numbers; the keys of `setup` and of every case in an experiment's file."""
+
+    scene: str = Field(description="The place, a name in `SCENES`.")
+    layout: int | None = Field(
+        default=None, description="Seed of the place; null: another layout for every repetition."
+    )
+    sensor: str = Field(
+        default="utm_30lx",
+        description="The sensor, a name in `SENSORS`; one that scans while it drives follows the scene's path.",
+    )
+    density: float = Field(default=1.0, gt=0, description="Factor on the number of rays.")
+    noise: float | None = Field(
+        default=None, ge=0, description="Constant range noise instead of the sensor's own, m."
+    )
+    changes: tuple[str, ...] = Field(
+        default=(), description="What happens between the scans, names in `CHANGES`."
+    )
+    object_size: float | None = Field(
+        default=None,
+        gt=0,
+        description="Of new objects, m: height of a person or box, diameter of a cylinder; null: the usual one.",
+    )
+    spot: tuple[float, float] | None = Field(
+        default=None,
+        description="Where new objects go: m ahead and m to the left of the viewpoint, to within a hand's breadth; "
+        "null: anywhere in sight.",
+    )
+    viewpoint: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Of the current scan seen from that of the reference: m ahead, m to the left, degrees to the left.",
+    )
+    reverse: bool = Field(
+        default=False,
+        description="Whether the changed world is scanned first: what was added is then removed.",
+    )
+    drift: tuple[float, float] = Field(
+        default=(0.0, 0.0),
+        description="Error of a driving robot's localisation, m and degrees per square root of a metre.",
+    )
+    mounting: tuple[float, float] = Field(
+        default=(0.0, 0.0),
+        description="Roll and pitch of a driving robot's laser that its localisation does not know of, degrees.",
+    )
+    pose_error: tuple[float, float] = Field(
+        default=(0.0, 0.0), description="Wrong placement of the current scan: shift, m, and turn, degrees."
+    )
