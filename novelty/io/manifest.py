@@ -1,7 +1,8 @@
 """`pairs.csv`: the list of scan pairs that an evaluation, a sweep or a calibration runs over.
 
 The columns are `name,reference,current`, optionally `reference_origin,current_origin` (where the sensor
-stood, as "x y z") and `unit`. Paths are relative to the file.
+stood, as "x y z"), `unit` and `poses` (a file of poses that brings both scans into one frame). Paths are
+relative to the file. A folder of scans with poses takes its place: its consecutive scans are the pairs.
 """
 
 from __future__ import annotations
@@ -15,49 +16,14 @@ from pathlib import Path
 import numpy as np
 
 from novelty.errors import InputError, NoveltyError
-from novelty.io.reading import read_scan
+from novelty.io.pair_entry import PairEntry
+from novelty.io.reading import is_scan
+from novelty.io.sequence import read_sequence
 from novelty.scan import ScanPair
 
 REQUIRED_COLUMNS = ("name", "reference", "current")
-OPTIONAL_COLUMNS = ("reference_origin", "current_origin", "unit")
+OPTIONAL_COLUMNS = ("reference_origin", "current_origin", "unit", "poses")
 COLUMNS = REQUIRED_COLUMNS + OPTIONAL_COLUMNS
-
-
-@dataclass(frozen=True)
-class PairEntry:
-    """One line of a manifest: where the scans of a pair are.
-
-    Attributes:
-        name: Unique in the manifest.
-        reference: File of the reference scan.
-        current: File of the current scan.
-        reference_origin: Where the sensor stood, (x, y, z); None takes what the file says.
-        current_origin: The same for the current scan.
-        unit: Unit of the coordinates; None when the manifest does not say.
-        source: The manifest and the line, for messages.
-    """
-
-    name: str
-    reference: Path
-    current: Path
-    reference_origin: tuple[float, float, float] | None = None
-    current_origin: tuple[float, float, float] | None = None
-    unit: str | None = None
-    source: str = ""
-
-    def load(self) -> ScanPair:
-        """Read both scans.
-
-        Raises:
-            InputError: A scan cannot be read; the message names the line of the manifest.
-            MissingDependencyError: A library that a format needs cannot be loaded.
-        """
-        try:
-            reference = read_scan(self.reference, self.reference_origin)
-            current = read_scan(self.current, self.current_origin)
-        except InputError as error:
-            raise InputError(f"{self.source}: {error}" if self.source else str(error)) from error
-        return ScanPair(reference, current, self.name)
 
 
 @dataclass(frozen=True)
@@ -102,10 +68,15 @@ def _load(entry: PairEntry) -> ScanPair | FailedPair:
 def read_entries(path: str | Path) -> list[PairEntry | FailedPair]:
     """Read a manifest and no scan yet; a line that cannot be used is reported in its place.
 
+    Args:
+        path: The manifest, or a folder of scans with poses (see `read_sequence`).
+
     Raises:
         InputError: The manifest is missing, or its header is damaged, so that no line can be understood.
     """
     path = Path(path)
+    if path.is_dir():
+        return list(read_sequence(path))
     rows = _read_rows(path)
     if not rows:
         raise InputError(
@@ -177,10 +148,12 @@ def _check_row(columns: list[str], fields: list[str], source: str) -> None:
 def _entry(row: dict[str, str], folder: Path, source: str) -> PairEntry:
     values = {column: field.strip() for column, field in row.items()}
     for column in ("reference", "current"):
-        if not (folder / values[column]).is_file():
+        if not is_scan(folder / values[column]):
             raise InputError(
                 f"{source}: the {column} scan {values[column]!r} is not a file in {folder.resolve()}."
             )
+    if values.get("poses") and not (folder / values["poses"]).is_file():
+        raise InputError(f"{source}: the poses {values['poses']!r} are not a file in {folder.resolve()}.")
     return PairEntry(
         name=values["name"],
         reference=folder / values["reference"],
@@ -189,6 +162,7 @@ def _entry(row: dict[str, str], folder: Path, source: str) -> PairEntry:
         current_origin=_origin(values.get("current_origin", ""), "current_origin", source),
         unit=values.get("unit") or None,
         source=source,
+        poses=folder / values["poses"] if values.get("poses") else None,
     )
 
 

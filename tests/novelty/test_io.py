@@ -101,7 +101,7 @@ WITH_LABELS = {
 
 def test_every_format_gives_back_points_order_and_labels(tmp_path):
     files = write_every_format(tmp_path)
-    assert {file.suffix for file in files} == set(READERS)
+    assert {file.suffix for file in files} == set(READERS) - {".bin"}  # float32, see test_io_sequence.py
     for file in files:
         scan = read_scan(file)
         np.testing.assert_allclose(scan.points, POINTS, atol=1e-9, rtol=0, err_msg=file.name)
