@@ -1,4 +1,4 @@
-"""The libraries of the extra `[formats]`: loaded late, and with the command that installs them when they are missing."""
+"""The libraries of the extra `[formats]`: loaded late, with the command that installs them where they are missing."""
 
 from __future__ import annotations
 

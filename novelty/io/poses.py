@@ -177,11 +177,9 @@ def _rigid(matrices: NDArray[np.float64], file: Path) -> NDArray[np.float64]:
     defined = np.isfinite(matrices).all(axis=(1, 2))
     rotations = np.where(defined[:, None, None], matrices[:, :3, :3], 0)
     straight = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-3
-    right: NDArray[np.bool_] = np.asarray(straight & (np.linalg.det(rotations) > 0))
-    if not right.all():
-        raise InputError(
-            f"{file}: pose {int((~right).argmax())}, counted from 0, is not a rotation and a translation."
-        )
+    wrong = np.flatnonzero(~straight | (np.linalg.det(rotations) <= 0))
+    if len(wrong):
+        raise InputError(f"{file}: pose {wrong[0]}, counted from 0, is not a rotation and a translation.")
     return matrices
 
 
