@@ -10,7 +10,7 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field, TypeAdapter, ValidationError, field_validator
 
-from novelty.baselines import M3C2, Baseline, NearestNeighbour, VoxelDifference
+from novelty.baselines import M3C2, Baseline, FuzzyPartition, KMeansMixture, NearestNeighbour, VoxelDifference
 from novelty.detectors import (
     Detector,
     GreedyEmd,
@@ -22,6 +22,7 @@ from novelty.detectors import (
 from novelty.errors import ConfigError
 from novelty.fitting import Fit
 from novelty.preprocess import Preprocess
+from novelty.presets import PRESETS
 from novelty.refinement import Refine
 from novelty.registration import Registration
 from novelty.section import section, section_fields
@@ -55,6 +56,8 @@ class Config:
     nearest_neighbour: NearestNeighbour = Field(default_factory=NearestNeighbour)
     voxel_difference: VoxelDifference = Field(default_factory=VoxelDifference)
     m3c2: M3C2 = Field(default_factory=M3C2)
+    kmeans_mixture: KMeansMixture = Field(default_factory=KMeansMixture)
+    fuzzy_partition: FuzzyPartition = Field(default_factory=FuzzyPartition)
 
     @field_validator("detector")
     @classmethod
@@ -89,6 +92,25 @@ class Config:
             ConfigError: The file is missing, is not YAML, or holds an unknown key or an invalid value.
         """
         return cls.from_mapping(read_yaml_mapping(path))
+
+    @classmethod
+    def preset(cls, name: str) -> Config:
+        """A named set of settings: `paper`, every choice as in the paper.
+
+        Raises:
+            ConfigError: There is no preset of that name.
+        """
+        if name not in PRESETS:
+            raise ConfigError(f"unknown preset {name!r}{_nearest(name, list(PRESETS))}")
+        return cls().replace(**PRESETS[name])
+
+    def updated(self, mapping: Mapping[str, Any]) -> Config:
+        """A copy with the keys of nested mappings changed; `Config().updated(m)` equals `Config.from_mapping(m)`.
+
+        Raises:
+            ConfigError: An unknown key or a value out of its domain; the message names both.
+        """
+        return type(self).from_mapping(_merged(self.to_mapping(), mapping))
 
     def replace(self, **overrides: Any) -> Config:
         """A copy with some keys changed; nested keys are dotted: `replace(**{"fit.n_init": 3})`.
@@ -137,6 +159,17 @@ def read_yaml_mapping(path: str | Path) -> dict[str, Any]:
     if not isinstance(content, dict | None):
         raise ConfigError(f"{path} must hold `key: value` lines; found a {type(content).__name__}.")
     return content or {}
+
+
+def _merged(mapping: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """`mapping` with the leaves of `changes` in the place of its own."""
+    merged = dict(mapping)
+    for key, value in changes.items():
+        inner = merged.get(key)
+        merged[key] = (
+            _merged(inner, value) if isinstance(inner, dict) and isinstance(value, Mapping) else value
+        )
+    return merged
 
 
 def _adapter() -> TypeAdapter[Config]:

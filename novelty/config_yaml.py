@@ -1,4 +1,4 @@
-"""A configuration as a commented YAML file: the text of `configs/default.yaml`."""
+"""A configuration as a commented YAML file: the texts of `configs/default.yaml` and `configs/presets`."""
 
 from __future__ import annotations
 
@@ -36,6 +36,12 @@ def changed_yaml(config: Config, header: str = "") -> str:
     """
     changed = {"detector": config.detector} | _changes(config.to_mapping(), Config().to_mapping())
     return header + "\n".join(_lines(Config, changed, indent="")) + "\n"
+
+
+def preset_yaml(name: str) -> str:
+    """The settings of a preset that differ from the defaults, each under its comment."""
+    header = f"# What the preset {name!r} changes: --preset {name}, or Config.preset({name!r}).\n"
+    return changed_yaml(Config.preset(name), header)
 
 
 def _changes(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:

@@ -36,6 +36,11 @@ class Fit:
         gt=0,
         description="Least standard deviation of a component, m; null: 1e-4 of the scan's extent.",
     )
+    covariance_floor: Literal["model", "paper"] = Field(
+        default="model",
+        description="What keeps components from collapsing: every point has a small spread of its own (model), or 1e-5 "
+        "of the scan's mean variance is added in every M-step, as in Bouman's program (paper).",
+    )
     precision: Literal["float64", "float32"] = Field(
         default="float64", description="Arithmetic of the EM iterations."
     )
@@ -89,6 +94,7 @@ def fit_scans(sides: Sequence[PreparedScans], plan: FitPlan) -> FitResult:
         initializer=plan.settings.initializer,
         n_init=plan.settings.n_init,
         min_std=plan.settings.min_std,
+        covariance_floor=plan.settings.covariance_floor,
         seed=plan.seed,
     )
 

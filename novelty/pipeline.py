@@ -135,7 +135,8 @@ def segment_current(
 ) -> SegmentedPoints:
     """Label the points of the current scans: by component, refined, and judged by what the reference could see.
 
-    Labels that a baseline gave point by point stay as they are; only visibility judges them, when asked to.
+    Labels that a baseline gave are not refined; those it gave point by point stay as they are, and only visibility
+    judges them, when asked to.
     """
     scans, others = batch.current, batch.reference
     resolution = batch.resolution(registrations.residual)
@@ -144,7 +145,7 @@ def segment_current(
         segmented = label_points(scans.points, novelty)
         return judge(segmented, scans, others, resolution, config.visibility) if visible else segmented
     segmented = segment_points(scans.points, models.current.mixtures, novelty, config.segment)
-    if config.refine.method != "none":
+    if config.refine.method != "none" and config.chosen_detector.asks_refinement:
         segmented = refine(segmented, scans, others, resolution, config.refine)
     if visible:
         segmented = judge(segmented, scans, others, resolution, config.visibility)

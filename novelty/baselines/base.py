@@ -1,4 +1,4 @@
-"""What a baseline is: it compares two scans point by point and has no mixtures."""
+"""What a baseline is: a plain method that the detectors are measured against, under the same conditions."""
 
 from __future__ import annotations
 
@@ -19,10 +19,7 @@ from novelty.section import section
 
 @section
 class Baseline(Detector):
-    """A comparison of points; a point is novel when its score is above the threshold.
-
-    It shares preprocessing and registration with the detectors and is scored plain: nothing refines its labels.
-    """
+    """It shares preprocessing and registration with the detectors and is scored plain: nothing refines its labels."""
 
     visibility: bool = Field(
         default=False,
@@ -34,6 +31,16 @@ class Baseline(Detector):
     def asks_visibility(self) -> bool:
         """As `visibility` says."""
         return self.visibility
+
+    @property
+    def asks_refinement(self) -> bool:
+        """Never."""
+        return False
+
+
+@section
+class PointBaseline(Baseline):
+    """A comparison of points without mixtures; a point is novel when its score is above the threshold."""
 
     @property
     @abc.abstractmethod

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial import cKDTree
 
-from novelty.baselines.base import Baseline
+from novelty.baselines.base import PointBaseline
 from novelty.errors import MissingDependencyError
 from novelty.section import section
 
 
 @section
-class M3C2(Baseline):
+class M3C2(PointBaseline):
     """Points whose distance along the normal is significant at 95 % are novel (baseline, Lague et al. 2013)."""
 
     normal_radius: float = Field(

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial import cKDTree
 
-from novelty.baselines.base import Baseline
+from novelty.baselines.base import PointBaseline
 from novelty.section import section
 
 
 @section
-class NearestNeighbour(Baseline):
+class NearestNeighbour(PointBaseline):
     """Points farther than a distance from every point of the other scan are novel (baseline, C2C)."""
 
     distance: float = Field(

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from novelty.baselines.base import Baseline
+from novelty.baselines.base import PointBaseline
 from novelty.section import section
 
 
 @section
-class VoxelDifference(Baseline):
+class VoxelDifference(PointBaseline):
     """Points in voxels where the other scan has no point are novel (baseline)."""
 
     voxel_size: float = Field(default=0.1, gt=0, description="Edge of a voxel, m.")

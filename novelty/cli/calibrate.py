@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from novelty.cli.options import DETECTORS, Assignments, ConfigFile, MaxComponents, Seed, Unit, build_config
+from novelty.cli.options import (
+    DETECTORS,
+    Assignments,
+    ConfigFile,
+    MaxComponents,
+    Preset,
+    Seed,
+    Unit,
+    build_config,
+)
 from novelty.cli.terminal import command_line, out, plain_table, working
 from novelty.errors import InputError
 
@@ -31,6 +40,7 @@ def calibrate(
         int | None,
         typer.Option(metavar="N", help="Folds of the cross-validation; one per pair, ten at most."),
     ] = None,
+    preset: Preset = None,
     config: ConfigFile = None,
     assignments: Assignments = None,
     unit: Unit = None,
@@ -44,7 +54,13 @@ def calibrate(
         from novelty.io import read_entries, write_text
 
         settings = build_config(
-            config, assignments, detector=detector, unit=unit, max_components=max_components, seed=seed
+            config,
+            assignments,
+            preset,
+            detector=detector,
+            unit=unit,
+            max_components=max_components,
+            seed=seed,
         )
         entries = read_entries(pairs)
     fitted = []

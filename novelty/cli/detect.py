@@ -15,6 +15,7 @@ from novelty.cli.options import (
     ConfigFile,
     CurrentOrigin,
     MaxComponents,
+    Preset,
     Seed,
     Unit,
     build_config,
@@ -42,6 +43,7 @@ def detect(
             "--out", metavar="DIR", help="Write result.json, both scans with labels, and report.html."
         ),
     ] = None,
+    preset: Preset = None,
     config: ConfigFile = None,
     detector: Annotated[str | None, typer.Option(metavar="NAME", help=f"{DETECTORS}.")] = None,
     assignments: Assignments = None,
@@ -50,6 +52,13 @@ def detect(
         str | None, typer.Option(metavar='"X Y Z"', help="Where the sensor stood for the reference scan.")
     ] = None,
     current_origin: CurrentOrigin = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Poses of the sequence both scans belong to (KITTI or TUM); bring them together.",
+        ),
+    ] = None,
     max_components: MaxComponents = None,
     seed: Seed = None,
     fail_on_change: Annotated[
@@ -58,7 +67,8 @@ def detect(
 ) -> None:
     """Say what is new and what is gone between two scans.
 
-    REF may be a map made by `novelty fit`; reference.ply then holds its cells.
+    REF may be a map made by `novelty fit`; reference.ply then holds its cells. In a file of several scans, # names
+    one: survey.e57#2, drive.bag#/points:120.
     """
     origin_before = parse_origin(reference_origin, "--reference-origin")
     origin_now = parse_origin(current_origin, "--current-origin")
@@ -74,15 +84,15 @@ def detect(
         scene_map = _map(reference, reference_origin)
         given = {"detector": detector, "unit": unit, "max_components": max_components, "seed": seed}
         if scene_map is None:
-            settings = build_config(config, assignments, **given)
+            settings = build_config(config, assignments, preset, **given)
         else:
-            settings = build_map_config(scene_map, config, assignments, **given)
+            settings = build_map_config(scene_map, config, assignments, preset, **given)
         if out_folder is not None:
             make_folder(out_folder)
     with working("Reading the scans"):
         pair = ScanPair(
-            reference=scene_map.as_scan() if scene_map else read_scan(reference, origin_before),
-            current=read_scan(current, origin_now),
+            reference=scene_map.as_scan() if scene_map else read_scan(reference, origin_before, poses),
+            current=read_scan(current, origin_now, poses),
             name=_pair_name(reference, current),
         )
     with working("Comparing"):

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from novelty.cli.options import DETECTORS, Assignments, ConfigFile, MaxComponents, Seed, Unit, build_config
+from novelty.cli.options import (
+    DETECTORS,
+    Assignments,
+    ConfigFile,
+    MaxComponents,
+    Preset,
+    Seed,
+    Unit,
+    build_config,
+)
 from novelty.cli.terminal import err, out, working
 from novelty.errors import NoveltyError
 
@@ -38,6 +47,7 @@ def evaluate(
     detectors: Annotated[
         list[str] | None, typer.Option("--detector", metavar="NAME", help=f"{DETECTORS}; repeatable.")
     ] = None,
+    preset: Preset = None,
     config: ConfigFile = None,
     assignments: Assignments = None,
     unit: Unit = None,
@@ -55,7 +65,7 @@ def evaluate(
         from novelty.io import read_entries
 
         given = {"unit": unit, "max_components": max_components, "seed": seed}
-        shared = build_config(config, assignments, **given)
+        shared = build_config(config, assignments, preset, **given)
         configs = [shared.replace(detector=name) for name in dict.fromkeys(detectors or [shared.detector])]
         entries = read_entries(pairs)
     rows: list[ScoredPair] = []

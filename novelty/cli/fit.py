@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from novelty.cli.options import Assignments, ConfigFile, MaxComponents, Seed, Unit, build_config, parse_origin
+from novelty.cli.options import (
+    Assignments,
+    ConfigFile,
+    MaxComponents,
+    Preset,
+    Seed,
+    Unit,
+    build_config,
+    parse_origin,
+)
 from novelty.cli.terminal import out, working
 
 if TYPE_CHECKING:
@@ -21,6 +30,7 @@ def fit(
     out_file: Annotated[
         Path, typer.Option("--out", metavar="FILE", help="Where the map is written: FILE.safetensors.")
     ],
+    preset: Preset = None,
     config: ConfigFile = None,
     assignments: Assignments = None,
     unit: Unit = None,
@@ -34,7 +44,9 @@ def fit(
         from novelty.io import read_scan
         from novelty.maps import fit as fit_scan
 
-        settings = build_config(config, assignments, unit=unit, max_components=max_components, seed=seed)
+        settings = build_config(
+            config, assignments, preset, unit=unit, max_components=max_components, seed=seed
+        )
     with working("Reading the scan"):
         read = read_scan(scan, place)
     with working("Fitting"):

@@ -19,6 +19,12 @@ ConfigFile = Annotated[
         "--config", metavar="FILE", help="Settings in YAML; see configs/default.yaml for every key."
     ),
 ]
+Preset = Annotated[
+    str | None,
+    typer.Option(
+        "--preset", metavar="NAME", help="Settings to begin with: paper, every choice as the paper's."
+    ),
+]
 Assignments = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="One setting, such as fit.n_init=3; repeatable."),
@@ -37,24 +43,37 @@ CurrentOrigin = Annotated[
 ]
 
 
-def build_config(file: Path | None, assignments: list[str] | None, **given: Any) -> Config:
-    """The settings of a file, changed by `--set`, changed by the options that were given (not None).
+def build_config(
+    file: Path | None, assignments: list[str] | None, preset: str | None = None, **given: Any
+) -> Config:
+    """The settings of a preset, changed by a file, by `--set`, and by the options that were given (not None).
 
     Raises:
-        ConfigError: An unknown key or a value that is not valid.
+        ConfigError: An unknown preset, an unknown key or a value that is not valid.
     """
     from novelty.config import Config
 
-    return _changed(Config() if file is None else Config.from_yaml(file), assignments, given)
+    return _changed(_read(Config() if preset is None else Config.preset(preset), file), assignments, given)
 
 
 def build_map_config(
-    scene_map: SceneMap, file: Path | None, assignments: list[str] | None, **given: Any
+    scene_map: SceneMap,
+    file: Path | None,
+    assignments: list[str] | None,
+    preset: str | None = None,
+    **given: Any,
 ) -> Config:
-    """What `build_config` does, beginning with the settings of a map where there is no file."""
-    from novelty.config import Config
+    """What `build_config` does, beginning with the settings of a map where there is neither preset nor file."""
+    if preset is None and file is None:
+        return _changed(scene_map.config, assignments, given)
+    return build_config(file, assignments, preset, **given)
 
-    return _changed(scene_map.config if file is None else Config.from_yaml(file), assignments, given)
+
+def _read(config: Config, file: Path | None) -> Config:
+    """The settings with those of a file in their place."""
+    from novelty.config import read_yaml_mapping
+
+    return config if file is None else config.updated(read_yaml_mapping(file))
 
 
 def _changed(config: Config, assignments: list[str] | None, given: dict[str, Any]) -> Config:

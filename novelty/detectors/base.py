@@ -79,6 +79,11 @@ class Detector(abc.ABC):
         """Whether what it calls novel is judged by what the other scan could see, where that is configured."""
         return True
 
+    @property
+    def asks_refinement(self) -> bool:
+        """Whether its labels are refined inside components, where that is configured."""
+        return True
+
     def fit(self, batch: PreparedPairs, plan: FitPlan) -> Models:
         """Fit the mixtures this detector compares; by default every scan on its own."""
         return fit_independently(batch, plan)

@@ -12,7 +12,7 @@ import torch
 import gmmtorch
 from gmmtorch import FitResult, GaussianMixtures, PointClouds
 from novelty.detectors.shared_mixture import unite
-from novelty.fitting import FitPlan, Models, fitted_clouds
+from novelty.fitting import Fit, FitPlan, Models, fitted_clouds
 from novelty.preprocess.prepared import PreparedPairs
 
 
@@ -32,19 +32,24 @@ def fit_coupled(batch: PreparedPairs, plan: FitPlan, max_iterations: int) -> Mod
         initializer=settings.initializer,
         n_init=settings.n_init,
         min_std=settings.min_std,
+        covariance_floor=settings.covariance_floor,
         seed=plan.seed,
     ).mixtures
     return Models(
-        reference=_refined(reference, common, settings.min_std, max_iterations),
-        current=_refined(current, common, settings.min_std, max_iterations),
+        reference=_refined(reference, common, settings, max_iterations),
+        current=_refined(current, common, settings, max_iterations),
     )
 
 
-def _refined(
-    clouds: PointClouds, initial: GaussianMixtures, min_std: float | None, max_iterations: int
-) -> FitResult:
+def _refined(clouds: PointClouds, initial: GaussianMixtures, settings: Fit, max_iterations: int) -> FitResult:
     """EM of each cloud from the mixture of its pair; a component that finds no points is dropped."""
-    fit = gmmtorch.fit_em(clouds, initial=initial, min_std=min_std, max_iterations=max_iterations)
+    fit = gmmtorch.fit_em(
+        clouds,
+        initial=initial,
+        min_std=settings.min_std,
+        covariance_floor=settings.covariance_floor,
+        max_iterations=max_iterations,
+    )
     orders = torch.arange(1, initial.num_slots + 1, device=fit.mixtures.weights.device)
     mdl = gmmtorch.description_length(fit.mixtures, clouds)
     reached = orders == fit.mixtures.num_components[:, None]

@@ -63,6 +63,7 @@ def fit_shared(batch: PreparedPairs, plan: FitPlan, split_distance: float, max_s
         initializer=settings.initializer,
         n_init=settings.n_init,
         min_std=settings.min_std,
+        covariance_floor=settings.covariance_floor,
         seed=plan.seed,
     )
     # Components in which the two scans differ, each split into one per scan.
@@ -70,7 +71,11 @@ def fit_shared(batch: PreparedPairs, plan: FitPlan, split_distance: float, max_s
     for _ in range(max_splits):
         start = _split(mixtures, reference, current, resolution, split_distance)
         mixtures = gmmtorch.fit_em(
-            united, initial=start, min_std=settings.min_std, max_iterations=SPLIT_ITERATIONS
+            united,
+            initial=start,
+            min_std=settings.min_std,
+            covariance_floor=settings.covariance_floor,
+            max_iterations=SPLIT_ITERATIONS,
         ).mixtures
     fit = replace(fit, mixtures=mixtures)
     return Models(reference=_share_of(reference, fit), current=_share_of(current, fit))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from novelty import Config, MissingDependencyError, PointState, Scan, ScanPair, detect, detect_many
-from novelty.baselines import M3C2, NearestNeighbour, VoxelDifference
+from novelty.baselines import M3C2, FuzzyPartition, KMeansMixture, NearestNeighbour, VoxelDifference
 from novelty.config import baseline_names, detector_names
 
 CASES = {
@@ -13,7 +13,13 @@ CASES = {
     "voxel_difference": VoxelDifference(voxel_size=0.1),
     "m3c2": M3C2(cylinder_radius=0.1, normal_radius=0.2, core_spacing=0.05, max_distance=0.3),
 }
-"""Every baseline, with parameters that fit the scene below."""
+"""Every baseline that compares points, with parameters that fit the scene below."""
+
+MIXTURE_CASES = {
+    "kmeans_mixture": KMeansMixture(),
+    "fuzzy_partition": FuzzyPartition(validity="none", max_clusters=4),
+}
+"""Every baseline that compares clusters."""
 
 
 @pytest.fixture(params=CASES)
@@ -41,7 +47,7 @@ def pair():
 
 
 def config_of(name, **changes):
-    return Config(detector=name, **{name: CASES[name]}).replace(
+    return Config(detector=name, max_components=6, **{name: (CASES | MIXTURE_CASES)[name]}).replace(
         **{
             "registration.method": "none",
             "preprocess.outliers": "none",
@@ -52,7 +58,7 @@ def config_of(name, **changes):
 
 
 def test_every_baseline_is_under_test():
-    assert set(CASES) == set(baseline_names())
+    assert set(CASES) | set(MIXTURE_CASES) == set(baseline_names())
     assert not set(baseline_names()) & set(detector_names())
 
 
@@ -178,3 +184,44 @@ def test_m3c2_names_its_extra_where_it_is_missing(pair, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(MissingDependencyError, match=r"pip install 'novelty-gmm\[baselines\]'"):
         detect(pair, config_of("m3c2"))
+
+
+@pytest.fixture(params=MIXTURE_CASES)
+def clustering(request):
+    return request.param
+
+
+def test_clusters_find_the_box(clustering, pair):
+    result = detect(pair, config_of(clustering))
+    box = np.arange(pair.current.num_points) >= 6000
+    assert result.added.point_labels[box].mean() > 0.9
+    assert any(record.novel for record in result.added.components)
+
+
+def test_clusters_in_a_batch_equal_their_pairs_alone(clustering, pair):
+    pairs = [pair, ScanPair(pair.current, pair.reference), ScanPair(pair.reference, pair.reference)]
+    for one, result in zip(pairs, detect_many(pairs, config_of(clustering)), strict=True):
+        alone = detect(one, config_of(clustering))
+        np.testing.assert_array_equal(result.added.point_components, alone.added.point_components)
+        np.testing.assert_array_equal(result.removed.point_labels, alone.removed.point_labels)
+
+
+def test_clusters_are_scored_plain(clustering, pair):
+    plain = detect(pair, config_of(clustering, **{"refine.method": "none"}))
+    asked = detect(pair, config_of(clustering, **{"refine.method": "surface"}))
+    np.testing.assert_array_equal(plain.added.point_labels, asked.added.point_labels)
+
+
+def test_clusters_of_an_empty_side(clustering, pair):
+    lifted = Scan(np.add(pair.current.points, (0, 0, 10.0)))
+    result = detect(ScanPair(pair.reference, lifted), config_of(clustering, **{"preprocess.min_height": 5.0}))
+    assert not result.changed
+    assert "nothing can be called added" in result.message
+
+
+def test_as_many_kmeans_clusters_as_asked_and_no_more_than_points(pair):
+    result = detect(pair, config_of("kmeans_mixture"))
+    assert len(result.added.components) == 6
+    assert sum(record.num_points for record in result.added.components) == pair.current.num_points
+    few = Scan(pair.current.points[[0, 3000, 6000]])
+    assert len(detect(ScanPair(few, few), config_of("kmeans_mixture")).added.components) <= 3

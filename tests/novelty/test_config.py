@@ -6,9 +6,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from novelty import Config, ConfigError
-from novelty.config import baseline_names, detector_names
-from novelty.config_yaml import commented_yaml
+from novelty import Config, ConfigError, Scan, ScanPair
+from novelty.config import baseline_names, detector_names, read_yaml_mapping
+from novelty.config_yaml import commented_yaml, preset_yaml
+from novelty.detectors import StructuralMatching
+from novelty.fitting import Fit, FitPlan
+from novelty.preprocess import Preprocess, prepare_pairs
+from novelty.presets import PRESETS
 
 DEFAULT_FILE = Path(__file__).resolve().parents[2] / "configs" / "default.yaml"
 
@@ -76,3 +80,44 @@ def test_a_missing_file_is_refused(tmp_path):
 def test_the_mapping_survives_yaml():
     config = Config().replace(**{"max_components": 7, "preprocess.max_height": 1.5})
     assert Config.from_mapping(yaml.safe_load(yaml.safe_dump(config.to_mapping()))) == config
+
+
+def test_the_file_of_every_preset_is_what_it_changes():
+    folder = DEFAULT_FILE.parent / "presets"
+    assert {path.stem for path in folder.glob("*.yaml")} == set(PRESETS)
+    for name in PRESETS:
+        assert (folder / f"{name}.yaml").read_text(encoding="utf-8") == preset_yaml(name)
+        assert Config().updated(read_yaml_mapping(folder / f"{name}.yaml")) == Config.preset(name)
+
+
+def test_an_unknown_preset_is_named_with_the_nearest_one():
+    with pytest.raises(ConfigError, match=r"papers.*did you mean 'paper'"):
+        Config.preset("papers")
+
+
+def test_a_file_changes_a_preset_key_by_key():
+    changed = Config.preset("paper").updated({"fit": {"n_init": 2}, "detector": "structural_matching"})
+    assert changed == Config.preset("paper").replace(**{"fit.n_init": 2, "detector": "structural_matching"})
+    with pytest.raises(ConfigError, match=r"fit\.n_inits"):
+        Config().updated({"fit": {"n_inits": 2}})
+
+
+def test_the_preset_of_the_paper_is_what_it_prints():
+    config = Config.preset("paper")
+    assert (config.structural_matching.node_threshold, config.structural_matching.arc_threshold) == (3.5, 1.0)
+    assert (config.preprocess.max_surface_variation, config.max_components) == (0.1, 20)
+    assert config.fit.initializer == "evenly_spaced"
+    assert config.greedy_emd.ground_distance == "mean"
+    assert config.registration.method == config.refine.method == config.visibility.method == "none"
+
+
+def test_the_preset_reaches_the_fit(rng):
+    points = rng.normal(size=(400, 3)) * (1.0, 1.0, 1e-6)
+    batch = prepare_pairs([ScanPair(Scan(points), Scan(points))], Preprocess(outliers="none", ground="none"))
+    thin = {}
+    for floor in ("model", "paper"):
+        plan = FitPlan(Fit(covariance_floor=floor, moments="centroid"), 2)
+        fits = [StructuralMatching(fits=fits).fit(batch, plan).current for fits in ("independent", "coupled")]
+        thin[floor] = [fit.mixtures.covariances[0, 0, 2, 2].item() for fit in fits]
+    # Bouman's floor, 1e-5 of the mean variance, is far above the default, (1e-4 of the extent)^2.
+    assert min(thin["paper"]) > 100 * max(thin["model"])
