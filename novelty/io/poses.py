@@ -174,8 +174,8 @@ def _rigid(matrices: NDArray[np.float64], file: Path) -> NDArray[np.float64]:
     Raises:
         InputError: One is not; the message names it.
     """
-    defined = np.isfinite(matrices).all(axis=(1, 2))
-    rotations = np.where(defined[:, None, None], matrices[:, :3, :3], 0)
+    defined = np.isfinite(matrices.sum(axis=(1, 2)))[:, None, None]
+    rotations = np.where(defined, matrices[:, :3, :3], 0)
     straight = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-3
     wrong = np.flatnonzero(~straight | (np.linalg.det(rotations) <= 0))
     if len(wrong):
