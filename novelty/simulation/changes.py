@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from novelty.errors import InputError
-from novelty.simulation import furniture
 from novelty.simulation.meshes import Mesh
 from novelty.simulation.poses import FloatArray, inverse, make_pose, transform
 from novelty.simulation.raycast import RayScene
-from novelty.simulation.scenes import Scene, footprints
+from novelty.simulation.scenes import furniture
+from novelty.simulation.scenes.people import PERSON_POSES, person
+from novelty.simulation.scenes.scene import Scene, footprints
 from novelty.simulation.world import World
 
 CLEARANCE = 0.08
@@ -25,19 +27,20 @@ Change = Callable[[Scene, World, np.random.Generator, float | None], World]
 
 
 def add_person(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
-    """A person of height `size` (1.75 m) in a random pose on a free and visible spot."""
-    pose = str(rng.choice(list(furniture.PERSON_POSES)))
-    return _insert(scene, world, "person", furniture.person(pose, size or 1.75), rng)
+    """A person of height `size` (1.75 m) on a free and visible spot, in a random pose that has room there."""
+    drawn = str(rng.choice(list(PERSON_POSES)))
+    poses = sorted(PERSON_POSES, key=lambda pose: pose != drawn)
+    return _insert(scene, world, "person", (person(pose, size or 1.75) for pose in poses), rng)
 
 
 def add_box(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
     """A packing box of height `size` (0.5 m) on a free and visible spot."""
-    return _insert(scene, world, "box", furniture.carton(size or 0.5), rng)
+    return _insert(scene, world, "box", [furniture.carton(size or 0.5)], rng)
 
 
 def add_cylinder(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
     """A drum of diameter `size` (0.45 m) on a free and visible spot."""
-    return _insert(scene, world, "cylinder", furniture.drum(size or 0.45), rng)
+    return _insert(scene, world, "cylinder", [furniture.drum(size or 0.45)], rng)
 
 
 def open_door(scene: Scene, world: World, rng: np.random.Generator, size: float | None = None) -> World:
@@ -113,9 +116,10 @@ def apply_changes(
     return world
 
 
-def _insert(scene: Scene, world: World, name: str, mesh: Mesh, rng: np.random.Generator) -> World:
+def _insert(scene: Scene, world: World, name: str, meshes: Iterable[Mesh], rng: np.random.Generator) -> World:
+    """The first of the meshes that has room, as near to the scene's aim as there is room."""
     number = 1 + sum(other.split(" ")[0] == name for other in world.bodies)
-    for reach, bearing in scene.search:
+    for mesh, (reach, bearing) in itertools.product(meshes, scene.search):
         pose = _free_spot(scene, world, mesh, rng, near=scene.aim, reach=reach, bearing=bearing)
         if pose is not None:
             return world.add(f"{name} {number}", mesh, pose)

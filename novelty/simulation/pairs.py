@@ -13,15 +13,14 @@ from novelty.scan import ScanPair
 from novelty.simulation.changes import apply_changes
 from novelty.simulation.drive import Drive, drive, measure_drive
 from novelty.simulation.measure import Measurement, as_poses
-from novelty.simulation.patterns import PushBroom
 from novelty.simulation.poses import FloatArray, random_motion
 from novelty.simulation.raycast import RayScene
 from novelty.simulation.scenes import Scene, make_scene
-from novelty.simulation.sensors import Sensor, get_sensor
+from novelty.simulation.sensors import PushBroom, Sensor, get_sensor
 from novelty.simulation.truth import Truth, find_truth
 from novelty.simulation.world import World
 
-ROBOT_SENSOR_HEIGHT = 0.5
+ROBOT_SENSOR_HEIGHT = 0.3
 """Height of the laser of a driving robot above the floor, m: on the deck of a Pioneer 3-AT."""
 
 
