@@ -5,7 +5,7 @@ DIR/
   starts/*.json       one per start of the command: when, the command line, versions, machine, plan
   rows/*.parquet      shards of finished runs, each complete and never changed (`novelty.sweep.rows.SCHEMA`)
   damaged/            shards that could not be read, set aside; their runs were computed again
-  inputs.json         hashes of the scans' files by path, size and time, so that they are read once
+  inputs.jsonl        hashes of the scans' files by path, size and time, so that a start reads none twice
   scans/INPUTS.npz    on request (`keep`): the points and the ground truth of a pair, once for all its runs
   results/KEY.npz     on request (`keep`): the labels and the mixtures of a run
 """
@@ -45,7 +45,7 @@ class SweepFolder:
     @property
     def inputs_file(self) -> Path:
         """Hashes of files that were read before."""
-        return self.root / "inputs.json"
+        return self.root / "inputs.jsonl"
 
     def scans_file(self, inputs: str) -> Path:
         """Points and truth of the pair with this hash (column `inputs`).
