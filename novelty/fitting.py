@@ -83,8 +83,14 @@ def fit_independently(batch: PreparedPairs, plan: FitPlan) -> Models:
     return Models(reference=fits.select(range(pairs)), current=fits.select(range(pairs, 2 * pairs)))
 
 
-def fit_scans(sides: Sequence[PreparedScans], plan: FitPlan) -> FitResult:
-    """Fit every scan of the sides, P each, on its own; the fits of the first side come first."""
+def fit_scans(sides: Sequence[PreparedScans], plan: FitPlan, return_path: bool = False) -> FitResult:
+    """Fit every scan of the sides, P each, on its own; the fits of the first side come first.
+
+    Args:
+        sides: The scans.
+        plan: How to fit them.
+        return_path: Keep the mixtures of all orders, not the best ones only.
+    """
     max_components = plan.max_components
     if not isinstance(max_components, int):
         max_components = [*max_components] * len(sides)
@@ -96,6 +102,7 @@ def fit_scans(sides: Sequence[PreparedScans], plan: FitPlan) -> FitResult:
         min_std=plan.settings.min_std,
         covariance_floor=plan.settings.covariance_floor,
         seed=plan.seed,
+        return_path=return_path,
     )
 
 

@@ -50,7 +50,7 @@ class FuzzyPartitions:
     density: Tensor
     num_iterations: Tensor
 
-    def best(self, validity: Validity = "average_density") -> list[int]:
+    def best(self, validity: Validity = "density") -> list[int]:
         """The number of clusters of every cloud by a measure of validity, the smallest of equals."""
         measure = getattr(self, validity)
         at = measure.argmin(1) if validity == "hypervolume" else measure.argmax(1)
@@ -81,8 +81,8 @@ def fit_fuzzy_partitions(
     prototypes = local.points.new_zeros(clouds.batch_size, 0, clouds.dim)
     for _ in range(max_clusters):
         memberships = kmeans_memberships(local, prototypes, distant=True)
-        memberships, first = settle(lambda u: kmeans_memberships(local, _prototypes(local, u)), memberships)
-        memberships, second = settle(lambda u: _estimate(local, u).responsibilities(local), memberships)
+        memberships, first = settle(_kmeans_update, memberships)
+        memberships, second = settle(_likelihood_update, memberships)
         clusters = _estimate(local, memberships)
         prototypes = clusters.means
         measures.append(validity_measures(local, clusters, memberships))
@@ -100,7 +100,8 @@ def kmeans_memberships(clouds: PointClouds, prototypes: Tensor, distant: bool = 
         prototypes: V_k (B, K, D), m.
         distant: Whether one more prototype, K + 1 in all, is equally far from all points.
     """
-    squared = (clouds.points[:, None] - prototypes[clouds.cloud_index]).square().sum(-1)  # (N, K)
+    pairs = zip(clouds.split(clouds.points), prototypes, strict=True)
+    squared = torch.cat([torch.cdist(x, v).square() for x, v in pairs])  # (N, K)
     if distant:
         extent = torch.stack(
             [part.square().sum(1).mean() for part in clouds.split(clouds.points)]
@@ -150,8 +151,20 @@ def _prototypes(clouds: PointClouds, memberships: Tensor) -> Tensor:
     return torch.stack([w.T @ x / w.sum(0).clamp_min(tiny)[:, None] for w, x in pairs])
 
 
+def _kmeans_update(clouds: PointClouds, memberships: Tensor) -> Tensor:
+    return kmeans_memberships(clouds, _prototypes(clouds, memberships))
+
+
+def _likelihood_update(clouds: PointClouds, memberships: Tensor) -> Tensor:
+    return _estimate(clouds, memberships).responsibilities(clouds)
+
+
 def _estimate(clouds: PointClouds, memberships: Tensor) -> GaussianMixtures:
     return clustered_mixtures(clouds, memberships, FUZZINESS)
+
+
+Update = Callable[[PointClouds, Tensor], Tensor]
+"""From the memberships of points (N, K) to better ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,20 +175,20 @@ class _Settling:
     tolerance: float
     max_iterations: int
 
-    def __call__(self, update: Callable[[Tensor], Tensor], memberships: Tensor) -> tuple[Tensor, Tensor]:
-        """The settled memberships (N, K), and the updates that each cloud made (B,); a settled cloud stays as it is."""
-        owner = self.clouds.cloud_index
-        running = torch.tensor([size > 0 for size in self.clouds.sizes])
-        updates = torch.zeros_like(running, dtype=torch.long)
-        for _ in range(self.max_iterations):
-            updates += running
-            new = torch.where(running[owner, None], update(memberships), memberships)
-            change = (new - memberships).abs().amax(1)
-            memberships = new
-            largest = torch.stack(
-                [part.amax() if len(part) else change.new_zeros(()) for part in self.clouds.split(change)]
-            )
-            running &= largest > self.tolerance
-            if not running.any():
+    def __call__(self, update: Update, memberships: Tensor) -> tuple[Tensor, Tensor]:
+        """The settled memberships (N, K), and the updates made (B,); a cloud that has settled is left out."""
+        settled = list(self.clouds.split(memberships))
+        updates = torch.zeros(len(settled), dtype=torch.long)
+        running = [b for b, size in enumerate(self.clouds.sizes) if size]
+        for _ in range(self.max_iterations if running else 0):
+            clouds = self.clouds.select(running)
+            before = torch.cat([settled[b] for b in running])
+            after = update(clouds, before)
+            largest = [part.amax() for part in clouds.split((after - before).abs())]
+            for b, part in zip(running, clouds.split(after), strict=True):
+                settled[b] = part
+                updates[b] += 1
+            running = [b for b, change in zip(running, largest, strict=True) if change > self.tolerance]
+            if not running:
                 break
-        return memberships, updates
+        return torch.cat(settled), updates

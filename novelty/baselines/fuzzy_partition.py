@@ -18,9 +18,9 @@ class FuzzyPartition(MixtureBaseline):
     """Fuzzy clusters, compared as the components of a mixture are (baseline UFP-ONC; Gath & Geva 1989)."""
 
     validity: Literal["hypervolume", "average_density", "density", "none"] = Field(
-        default="average_density",
-        description="What chooses the number of clusters: the least fuzzy hypervolume, the greatest average partition "
-        "density, the greatest partition density; or none: always as many as allowed.",
+        default="density",
+        description="What chooses the number of clusters: the greatest partition density (density) or its average over the "
+        "clusters, the least fuzzy hypervolume; none: always as many as allowed.",
     )
     max_clusters: int = Field(default=9, ge=1, description="Most clusters of a scan; the paper tries 1 to 9.")
     tolerance: float = Field(
