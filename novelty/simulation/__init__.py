@@ -21,18 +21,18 @@ from novelty.simulation.measure import Measurement, measure, simulate
 from novelty.simulation.meshes import Mesh, join, load_mesh
 from novelty.simulation.pairs import (
     PairOptions,
-    SimulatedPair,
     corridor_pair,
     demo_pair,
     office_pair,
-    pair_up,
     room_pair,
+    sample_pair,
     simulate_pair,
 )
 from novelty.simulation.poses import make_pose
 from novelty.simulation.raycast import RayScene
 from novelty.simulation.scenes import SCENES, Scene, make_scene
 from novelty.simulation.sensors import SENSORS, Sensor, get_sensor
+from novelty.simulation.simulated import SimulatedPair, pair_up
 from novelty.simulation.truth import Truth, find_truth
 from novelty.simulation.world import Body, BodyState, World, compare_worlds
 
@@ -75,6 +75,7 @@ __all__ = [
     "office_pair",
     "pair_up",
     "room_pair",
+    "sample_pair",
     "simulate",
     "simulate_pair",
 ]

@@ -50,6 +50,19 @@ class Mesh:
         object.__setattr__(self, "vertices", corners)
         object.__setattr__(self, "triangles", faces)
 
+    @property
+    def areas(self) -> NDArray[np.float64]:
+        """(F,), m^2, of the triangles."""
+        first, second, third = self.vertices[self.triangles.T]
+        return np.linalg.norm(np.cross(second - first, third - first), axis=1) / 2
+
+    def sample(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Points (count, 3) drawn evenly from the surface."""
+        areas = self.areas
+        corners = self.vertices[self.triangles[rng.choice(len(areas), count, p=areas / areas.sum())]]
+        weights = rng.dirichlet((1.0, 1.0, 1.0), count)  # even over a triangle
+        return np.einsum("nc,ncd->nd", weights, corners)
+
     def moved(self, pose: NDArray[np.float64]) -> Mesh:
         """This mesh with `pose` (4, 4) applied to its vertices."""
         return Mesh(transform(pose, self.vertices), self.triangles)

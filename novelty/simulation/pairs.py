@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TypedDict, Unpack
 
 import numpy as np
@@ -12,35 +11,17 @@ from numpy.typing import ArrayLike
 from novelty.scan import ScanPair
 from novelty.simulation.changes import apply_changes
 from novelty.simulation.drive import Drive, drive, measure_drive
-from novelty.simulation.measure import Measurement, as_poses
+from novelty.simulation.measure import as_poses
 from novelty.simulation.poses import FloatArray, random_motion
 from novelty.simulation.raycast import RayScene
+from novelty.simulation.sampling import sample_world
 from novelty.simulation.scenes import Scene, make_scene
 from novelty.simulation.sensors import PushBroom, Sensor, get_sensor
-from novelty.simulation.truth import Truth, find_truth
+from novelty.simulation.simulated import SimulatedPair, pair_samples, pair_up
 from novelty.simulation.world import World
 
 ROBOT_SENSOR_HEIGHT = 0.3
 """Height of the laser of a driving robot above the floor, m: on the deck of a Pioneer 3-AT."""
-
-
-@dataclass(frozen=True, eq=False)
-class SimulatedPair:
-    """A pair of scans with everything that is known about it.
-
-    Attributes:
-        scans: What a detector is given, with labels.
-        before: The world of the reference scan.
-        after: The world of the current scan.
-        reference: Truth of the reference scan's points.
-        current: Truth of the current scan's points.
-    """
-
-    scans: ScanPair
-    before: World
-    after: World
-    reference: Truth
-    current: Truth
 
 
 class PairOptions(TypedDict, total=False):
@@ -123,26 +104,58 @@ def simulate_pair(
     sensor = _sensor(options)
     if isinstance(sensor.pattern, PushBroom):
         place = place.with_free_path()
-    worlds = [place.world, apply_changes(place, tuple(changes), changing, options.get("object_size"))]
-    if options.get("reverse", False):
-        worlds.reverse()
+    before, after = _worlds(
+        place, changes, changing, options.get("object_size"), options.get("reverse", False)
+    )
     ways = _ways(place, sensor, options, moving, drifting)
-    reference = measure_drive(RayScene(worlds[0]), sensor, ways[0], first)
-    current = measure_drive(RayScene(worlds[1]), sensor, ways[1], second)
+    reference = measure_drive(RayScene(before), sensor, ways[0], first)
+    current = measure_drive(RayScene(after), sensor, ways[1], second)
     error = _about(ways[1].poses[0, :3, 3], random_motion(*options.get("pose_error", (0.0, 0.0)), erring))
     misplaced = current.believed_at(error @ current.believed)
     return pair_up(reference, misplaced, options.get("name", f"{place.name}-{seed}"))
 
 
-def pair_up(reference: Measurement, current: Measurement, name: str = "") -> SimulatedPair:
-    """Two measurements, of the world before and of the world after, as a labelled pair."""
-    truth = find_truth(reference, current)
-    scans = ScanPair(
-        reference.scan(truth[0].labels, f"{name} reference"),
-        current.scan(truth[1].labels, f"{name} current"),
-        name,
-    )
-    return SimulatedPair(scans, reference.scene.world, current.scene.world, *truth)
+def sample_pair(
+    scene: str | Scene,
+    seed: int = 0,
+    changes: Sequence[str] = (),
+    *,
+    density: float = 1000.0,
+    noise: float = 0.01,
+    object_size: float | None = None,
+    reverse: bool = False,
+    name: str | None = None,
+) -> SimulatedPair:
+    """Draw points evenly from the surfaces of a scene, change it, draw again: no sensor, nothing hidden.
+
+    Args:
+        scene: As in `simulate_pair`.
+        seed: As in `simulate_pair`.
+        changes: Names in `CHANGES`.
+        density: Points per square metre.
+        noise: Standard deviation of white noise per axis, m.
+        object_size: As in `PairOptions`.
+        reverse: As in `PairOptions`.
+        name: Of the pair; the scene and the seed when None.
+
+    Raises:
+        InputError: An unknown scene or change, or no room for a new object.
+    """
+    place = make_scene(scene, seed) if isinstance(scene, str) else scene
+    changing, first, second = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
+    worlds = _worlds(place, changes, changing, object_size, reverse)
+    samples = [
+        sample_world(world, density, noise, rng) for world, rng in zip(worlds, (first, second), strict=True)
+    ]
+    return pair_samples(samples[0], samples[1], name or f"{place.name}-{seed}")
+
+
+def _worlds(
+    scene: Scene, changes: Sequence[str], rng: np.random.Generator, size: float | None, reverse: bool
+) -> tuple[World, World]:
+    """The world of the reference and that of the current scan."""
+    changed = apply_changes(scene, tuple(changes), rng, size)
+    return (changed, scene.world) if reverse else (scene.world, changed)
 
 
 def _sensor(options: PairOptions) -> Sensor:

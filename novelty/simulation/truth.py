@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from novelty.scan import AMBIGUOUS, CHANGED, SEEN_ONCE, UNCHANGED
 from novelty.simulation.measure import Measurement
 from novelty.simulation.poses import FloatArray, inverse, transform
+from novelty.simulation.raycast import RayScene
 from novelty.simulation.world import BodyState, compare_worlds
 
 SAME_PLACE = 1e-3
@@ -55,15 +56,26 @@ def find_truth(reference: Measurement, current: Measurement) -> tuple[Truth, Tru
 
 
 def _judge(own: Measurement, other: Measurement, states: dict[str, BodyState]) -> Truth:
-    state = np.array([states[name] for name in own.scene.names], dtype=np.uint8)[own.bodies]
-    changed = state != BodyState.UNCHANGED
-    rows = np.flatnonzero(changed)
-    changed[rows] = other.scene.distance(own.surface[rows]) > SAME_PLACE
+    state = states_of(own.scene.names, states)[own.bodies]
+    changed = is_new_surface(own.surface, state, other.scene)
     observable = can_see(other, own.surface)
     labels = np.where(observable, UNCHANGED, SEEN_ONCE).astype(np.uint8)
     labels[changed] = np.where(observable[changed], CHANGED, AMBIGUOUS)
     labels[own.mixed | (own.scene.reflectivity[own.bodies] < 0.5)] = AMBIGUOUS
     return Truth(labels, own.bodies, own.scene.names, state, observable)
+
+
+def states_of(names: tuple[str, ...], states: dict[str, BodyState]) -> NDArray[np.uint8]:
+    """`BodyState` of every object of a world, (objects,)."""
+    return np.array([states[name] for name in names], dtype=np.uint8)
+
+
+def is_new_surface(surface: FloatArray, states: NDArray[np.uint8], other: RayScene) -> NDArray[np.bool_]:
+    """Whether each point (N, 3) of an object that was added, removed or moved is on no surface of the other world."""
+    changed = states != BodyState.UNCHANGED
+    rows = np.flatnonzero(changed)
+    changed[rows] = other.distance(surface[rows]) > SAME_PLACE
+    return changed
 
 
 def can_see(measurement: Measurement, points: FloatArray) -> NDArray[np.bool_]:

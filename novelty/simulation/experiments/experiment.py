@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from novelty.simulation.experiments.setup import Setup
-from novelty.simulation.pairs import SimulatedPair, simulate_pair
+from novelty.simulation.pairs import sample_pair, simulate_pair
 from novelty.simulation.poses import make_pose
-from novelty.simulation.scenes import make_scene
+from novelty.simulation.scenes import Scene, make_scene
+from novelty.simulation.simulated import SimulatedPair
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,12 @@ class Case:
     name: str
     varied: Mapping[str, Any]
     setup: Setup
+
+    @property
+    def label(self) -> str:
+        """The condition as part of a file name: `box-object_size_0.3`."""
+        text = "-".join([self.name, *(f"{key} {value}" for key, value in self.varied.items())])
+        return re.sub(r"[^\w.-]+", "_", text).strip("_")
 
 
 @dataclass(frozen=True)
@@ -67,6 +74,23 @@ class ExperimentPair:
         scene = make_scene(setup.scene, self.seed if setup.layout is None else setup.layout)
         if setup.spot is not None:
             scene = scene.with_focus(*setup.spot)
+        return self._sampled(scene) if setup.samples else self._scanned(scene)
+
+    def _sampled(self, scene: Scene) -> SimulatedPair:
+        setup = self.case.setup
+        return sample_pair(
+            scene,
+            self.seed,
+            setup.changes,
+            name=self.name,
+            density=setup.samples or 0.0,
+            noise=setup.noise or 0.0,
+            object_size=setup.object_size,
+            reverse=setup.reverse,
+        )
+
+    def _scanned(self, scene: Scene) -> SimulatedPair:
+        setup = self.case.setup
         ahead, left, turn = setup.viewpoint
         moved = scene.viewpoint @ make_pose((ahead, left, 0.0), turn)
         return simulate_pair(
@@ -113,13 +137,7 @@ class Experiment:
     def pairs(self) -> tuple[ExperimentPair, ...]:
         """All pairs, case by case; nothing is simulated yet."""
         return tuple(
-            ExperimentPair(f"{_slug(case)}-{repetition:02d}", case, repetition, self.seed + repetition)
+            ExperimentPair(f"{case.label}-{repetition:02d}", case, repetition, self.seed + repetition)
             for case in self.cases
             for repetition in range(self.repetitions)
         )
-
-
-def _slug(case: Case) -> str:
-    """The case as part of a file name: `box-object_size=0.3`."""
-    text = "-".join([case.name, *(f"{key}={value}" for key, value in case.varied.items())])
-    return re.sub(r"[^\w.=+-]+", "_", text).strip("_")

@@ -92,7 +92,7 @@ def _analyses(content: _File) -> Iterator[Analysis]:
     for name, keys in content.analyses.items():
         lists = {key: value for key, value in (keys or {}).items() if isinstance(value, list)}
         for chosen in _combinations(lists):
-            label = ", ".join([name, *(f"{key} {value}" for key, value in chosen.items())])
+            label = " ".join([name, *(str(value) for value in chosen.values())])
             yield Analysis(label, {**(keys or {}), **chosen})
 
 

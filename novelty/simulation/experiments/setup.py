@@ -20,8 +20,13 @@ class Setup:
         description="The sensor, a name in `SENSORS`; one that scans while it drives follows the scene's path.",
     )
     density: float = Field(default=1.0, gt=0, description="Factor on the number of rays.")
+    samples: float | None = Field(
+        default=None,
+        gt=0,
+        description="Points per square metre, drawn evenly from all surfaces: an ideal cloud instead of a scan.",
+    )
     noise: float | None = Field(
-        default=None, ge=0, description="Constant range noise instead of the sensor's own, m."
+        default=None, ge=0, description="Constant noise, m, instead of the sensor's own; of samples 1 cm."
     )
     changes: tuple[str, ...] = Field(
         default=(), description="What happens between the scans, names in `CHANGES`."

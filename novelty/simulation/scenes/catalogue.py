@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from novelty.errors import InputError
 from novelty.simulation.scenes.corridor import make_corridor
+from novelty.simulation.scenes.ideal import make_ideal_corridor, make_relief
 from novelty.simulation.scenes.office import make_office
 from novelty.simulation.scenes.room import make_room
 from novelty.simulation.scenes.scene import Scene
@@ -14,6 +15,8 @@ SCENES: dict[str, Callable[[int], Scene]] = {
     "corridor": make_corridor,
     "room": make_room,
     "office": make_office,
+    "ideal_corridor": make_ideal_corridor,
+    "relief": make_relief,
 }
 """Scene generators by name: each takes a seed."""
 
