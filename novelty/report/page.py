@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ from novelty.evaluation import LabelledScores
 from novelty.io import write_text
 from novelty.report.answer import evidence, headline, notes
 from novelty.report.frame import AXES, Frame
+from novelty.report.rendering import render
 from novelty.report.run import Run
 from novelty.report.tables import (
     Table,
@@ -33,8 +32,6 @@ from novelty.scan import ScanPair
 
 MAX_ROWS = 20
 """Objects that are listed at once; the others are folded away."""
-
-_ASSETS = resources.files("novelty.report") / "assets"
 
 
 def write_report(
@@ -60,24 +57,8 @@ def write_report(
         "mdl": mdl_figure(result),
     }
     content = {"figures": figures, "frame": _frame_for_browser(frame, run.unit)}
-    write_text(path, _render(_page(pair, result, run, scores or {}, figures["mdl"] is not None), content))
-
-
-def _render(page: dict[str, Any], content: dict[str, Any]) -> str:
-    from jinja2 import Environment, StrictUndefined
-    from plotly.offline import get_plotlyjs
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string(_asset("page.html.j2"))
-    return template.render(
-        page=page,
-        style=_asset("page.css"),
-        script=_asset("page.js"),
-        plotly=get_plotlyjs(),
-        figures=json.dumps(content, separators=(",", ":")).replace("<", "\\u003c"),
-    )
+    page = _page(pair, result, run, scores or {}, figures["mdl"] is not None)
+    write_text(path, render("page.html.j2", content, page=page))
 
 
 def _page(
@@ -172,7 +153,3 @@ def _frame_for_browser(frame: Frame, unit: str) -> dict[str, Any]:
         "top": min(1.0, math.ceil(100 * top) / 100),
         "ratio": {name: scene["aspectratio"][name] for name in AXES},
     }
-
-
-def _asset(name: str) -> str:
-    return (_ASSETS / name).read_text(encoding="utf-8")

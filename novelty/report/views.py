@@ -12,6 +12,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,28 @@ STATES = {
 """In the order in which they are drawn; the limits keep a page small whatever the scans."""
 
 
-def scan_figure(scan: Scan, change: Change, kind: str, frame: Frame, unit: str) -> Figure:
+@dataclass(frozen=True)
+class Detail:
+    """How finely a scan is drawn.
+
+    Attributes:
+        points: Share of the limits in `STATES`.
+        rings: Of an ellipsoid, from pole to pole.
+        sectors: Of an ellipsoid, around.
+    """
+
+    points: float
+    rings: int
+    sectors: int
+
+
+FULL, SMALL = Detail(1.0, 12, 28), Detail(0.25, 8, 16)
+"""For a page of one pair, and for one of several."""
+
+
+def scan_figure(
+    scan: Scan, change: Change, kind: str, frame: Frame, unit: str, detail: Detail = FULL
+) -> Figure:
     """Both what a scan holds and what became of it.
 
     Args:
@@ -72,12 +94,13 @@ def scan_figure(scan: Scan, change: Change, kind: str, frame: Frame, unit: str) 
         kind: `added` or `removed`.
         frame: The box that is shown.
         unit: Name of the scan's unit.
+        detail: How finely.
     """
     points = scan.points - frame.shift
     colour = ADDED if kind == "added" else REMOVED
     traces = [
-        *_point_traces(points, change, kind, colour, frame),
-        *(_ellipsoid(record, kind, colour, frame) for record in change.components),
+        *_point_traces(points, change, kind, colour, frame, detail),
+        *(_ellipsoid(record, kind, colour, frame, detail) for record in change.components),
         *_boxes(change.objects, kind, colour, frame),
     ]
     layout = {
@@ -120,7 +143,7 @@ def mdl_figure(result: NoveltyResult) -> Figure | None:
 
 
 def _point_traces(
-    points: NDArray[np.float64], change: Change, kind: str, colour: str, frame: Frame
+    points: NDArray[np.float64], change: Change, kind: str, colour: str, frame: Frame, detail: Detail
 ) -> list[dict[str, Any]]:
     finite = np.isfinite(points).all(axis=1)
     traces = []
@@ -128,7 +151,7 @@ def _point_traces(
         rows = np.flatnonzero(finite & (change.point_states == state))
         if not len(rows):
             continue
-        shown = points[_thin(rows, style.most)]
+        shown = points[_thin(rows, round(detail.points * style.most))]
         label = f"{style.name or kind} ({len(rows):,} points)".replace(",", " ")
         marker = {"size": style.size, "opacity": style.opacity, "color": style.colour or colour}
         if state is PointState.UNCHANGED:
@@ -167,11 +190,14 @@ def _scatter(points: NDArray[np.float64], name: str, marker: dict[str, Any], gro
     }
 
 
-def _ellipsoid(record: ComponentRecord, kind: str, colour: str, frame: Frame) -> dict[str, Any]:
+def _ellipsoid(
+    record: ComponentRecord, kind: str, colour: str, frame: Frame, detail: Detail
+) -> dict[str, Any]:
+    sphere, faces = _unit_sphere(detail.rings, detail.sectors)
     variances, axes = np.linalg.eigh(record.covariance)
     semi_axes = SIGMAS * np.sqrt(np.maximum(variances, 0))
-    surface = (_SPHERE * semi_axes) @ axes.T + record.mean - frame.shift
-    corners = dict(zip("ijk", _SPHERE_FACES.T, strict=True))
+    surface = (sphere * semi_axes) @ axes.T + record.mean - frame.shift
+    corners = dict(zip("ijk", faces.T, strict=True))
     return {
         "type": "mesh3d",
         **_xyz(surface),
@@ -266,7 +292,8 @@ def _wrapped(sentence: str, width: int = 60) -> str:
     return "<br>".join(textwrap.wrap(sentence, width))
 
 
-def _unit_sphere(rings: int = 12, sectors: int = 28) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+@cache
+def _unit_sphere(rings: int, sectors: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices (V, 3) and triangles (T, 3) of a sphere of radius 1."""
     polar = np.linspace(0, math.pi, rings + 1)[:, None]
     around = np.linspace(0, 2 * math.pi, sectors, endpoint=False)[None, :]
@@ -277,6 +304,3 @@ def _unit_sphere(rings: int = 12, sectors: int = 28) -> tuple[NDArray[np.float64
     right = np.roll(first, -1, axis=1)
     squares = np.stack([first, right, right + sectors, first + sectors], axis=-1).reshape(-1, 4)
     return vertices, np.concatenate([squares[:, [0, 1, 2]], squares[:, [0, 2, 3]]])
-
-
-_SPHERE, _SPHERE_FACES = _unit_sphere()
