@@ -2,74 +2,83 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
 from novelty.cli.terminal import out, working
+from novelty.errors import InputError
 
 if TYPE_CHECKING:
-    from novelty.scan import Scan, ScanPair
+    from novelty.simulation import Experiment
 
 
 def simulate(
     *,
+    experiment: Annotated[
+        str | None,
+        typer.Argument(metavar="EXPERIMENT", help="Name or YAML file; without it, pairs of one scene."),
+    ] = None,
     out_folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the pairs are written.")],
     scene: Annotated[
-        str, typer.Option(metavar="NAME", help="Place; an unknown name lists those there are.")
-    ] = "corridor",
+        str | None,
+        typer.Option(metavar="NAME", help="Place (corridor); an unknown name lists those there are."),
+    ] = None,
     changes: Annotated[
         list[str] | None,
-        typer.Option("--change", metavar="NAME", help="What changes (person, box, door, ...); repeatable."),
+        typer.Option("--change", metavar="NAME", help="What changes (person, box); repeatable."),
     ] = None,
-    count: Annotated[int, typer.Option(metavar="N", min=1, help="Number of pairs.")] = 1,
-    seed: Annotated[
-        int, typer.Option(metavar="N", help="Seed of the first pair; the next take the next.")
-    ] = 0,
     sensor: Annotated[
-        str, typer.Option(metavar="NAME", help="Sensor, such as utm_30lx or vlp_16.")
-    ] = "utm_30lx",
+        str | None, typer.Option(metavar="NAME", help="Sensor (utm_30lx), such as vlp_16 or kinect.")
+    ] = None,
     noise: Annotated[
         float | None,
         typer.Option(metavar="M", min=0, help="Range noise in metres instead of the sensor's own."),
     ] = None,
+    count: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Number of pairs; of an experiment, per case.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="Seed of the first pair; the next take the next.")
+    ] = None,
 ) -> None:
-    """Write simulated pairs with ground truth, and their pairs.csv."""
+    """Write simulated pairs with ground truth, and their pairs.csv: those of an experiment, or of one scene."""
     with working("Starting"):
-        from novelty.io import write_text
-        from novelty.simulation import simulate_pair
+        from novelty.simulation import load_experiment
+        from novelty.simulation.dataset import write_dataset
 
-    chosen = ("person", "box") if changes is None else tuple(changes)
-    options: dict[str, Any] = {"sensor": sensor, "noise": noise}
-    lines = ["name,reference,current,reference_origin,current_origin"]
-    for number in range(seed, seed + count):
-        with working(f"Simulating pair {number - seed + 1} of {count}"):
-            pair = simulate_pair(scene, number, chosen, **options).scans
-            lines.append(_write_pair(out_folder, pair))
-    write_text(out_folder / "pairs.csv", "\n".join(lines) + "\n")
-    out.print(
-        f"{count} {'pair' if count == 1 else 'pairs'}: {escape(str(out_folder / 'pairs.csv'))}",
-        soft_wrap=True,
+    of_a_scene = {"scene": scene, "changes": changes, "sensor": sensor, "noise": noise}
+    given = {key: value for key, value in of_a_scene.items() if value is not None}
+    if experiment is not None and given:
+        raise InputError(f"An experiment says itself what its {', '.join(given)} is; leave the option out.")
+    plan = _one_scene(given) if experiment is None else load_experiment(experiment)
+    pairs = replace(
+        plan, repetitions=count or plan.repetitions, seed=plan.seed if seed is None else seed
+    ).pairs()
+    written = write_dataset(pairs, out_folder)
+    for number in range(len(pairs) + 1):
+        with working(f"Simulating pair {min(number + 1, len(pairs))} of {len(pairs)}"):
+            next(written, None)
+    listed = escape(str(out_folder / "pairs.csv"))
+    out.print(f"{len(pairs)} {'pair' if len(pairs) == 1 else 'pairs'}: {listed}", soft_wrap=True)
+
+
+def _one_scene(given: Mapping[str, object]) -> Experiment:
+    """An experiment of one case, made of the options."""
+    from novelty.simulation import Case, Experiment, Setup
+
+    setup = Setup(**{"scene": "corridor", "changes": ("person", "box"), **given})  # type: ignore[arg-type]
+    return Experiment(
+        name=setup.scene,
+        title="",
+        source="",
+        repetitions=1,
+        seed=0,
+        cases=(Case(setup.scene, {}, setup),),
+        detectors=(),
+        analyses=(),
     )
-
-
-def _write_pair(folder: Path, pair: ScanPair) -> str:
-    """Write both scans; returns their line of the manifest."""
-    from novelty.io import write_ply
-
-    cells = [pair.name]
-    for role, scan in (("reference", pair.reference), ("current", pair.current)):
-        path = Path(pair.name) / f"{role}.ply"
-        labels = {} if scan.labels is None else {"label": scan.labels}
-        write_ply(folder / path, scan.points, **labels)
-        cells.append(path.as_posix())
-    return ",".join([*cells, _origin(pair.reference), _origin(pair.current)])
-
-
-def _origin(scan: Scan) -> str:
-    """The origin as `x y z`; empty for a moving sensor, which a manifest cannot hold."""
-    if scan.origin is None or scan.origin.ndim != 1:
-        return ""
-    return " ".join(f"{value:.6g}" for value in scan.origin)

@@ -12,11 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 from novelty.errors import InputError
 from novelty.scan import AMBIGUOUS, CHANGED, SEEN_ONCE, UNCHANGED, Scan
 
+ORIGIN_COLUMNS = {"origin_x", "origin_y", "origin_z"}
+
 
 def scan_from_columns(
     columns: Mapping[str, NDArray[np.generic]], path: Path, origin: ArrayLike | None = None
 ) -> Scan:
-    """Make a scan of the columns `x`, `y`, `z` and, where there is one, `label`, each (N,).
+    """Make a scan of the columns `x`, `y`, `z` and, where there are any, `label` and `origin_x`, ..., each (N,).
+
+    `origin_x`, `origin_y` and `origin_z` say where a moving sensor stood when it measured each point; `origin` is what
+    the file says of all of them.
 
     Raises:
         InputError: A coordinate is missing.
@@ -25,6 +30,8 @@ def scan_from_columns(
         found = ", ".join(columns) or "nothing"
         raise InputError(f"{path}: expected the fields x, y and z; found {found}.")
     points = np.stack([columns[axis] for axis in "xyz"], axis=1)  # (N, 3)
+    if columns.keys() >= ORIGIN_COLUMNS:
+        origin = np.stack([columns[f"origin_{axis}"] for axis in "xyz"], axis=1)
     return Scan(points, origin, _ground_truth(columns.get("label"), path), name=str(path))
 
 

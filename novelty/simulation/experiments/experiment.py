@@ -137,7 +137,7 @@ class Experiment:
     def pairs(self) -> tuple[ExperimentPair, ...]:
         """All pairs, case by case; nothing is simulated yet."""
         return tuple(
-            ExperimentPair(f"{case.label}-{repetition:02d}", case, repetition, self.seed + repetition)
+            ExperimentPair(f"{case.label}-{self.seed + repetition}", case, repetition, self.seed + repetition)
             for case in self.cases
             for repetition in range(self.repetitions)
         )

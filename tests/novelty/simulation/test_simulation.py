@@ -38,6 +38,7 @@ from novelty.simulation.shapes import block, box, cylinder, sphere
 
 ROOM = World().add("room", box((-4, -3, 0), (4, 3, 2.5)))
 CUBE = block(0.6, 0.6, 0.6)
+BUILDINGS = sorted(set(SCENES) - {"ideal_corridor", "relief"})
 
 
 def scan_of(world, sensor="utm_30lx", pose=(0.0, 0.0, 1.0), seed=0):
@@ -404,7 +405,7 @@ def test_the_demonstration_is_as_described():
         assert len(points) > 200
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", BUILDINGS)
 @pytest.mark.parametrize("seed", range(8))
 def test_every_change_fits_into_every_scene(name, seed):
     scene = make_scene(name, seed)
