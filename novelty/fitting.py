@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, TypeVar
 
 import torch
 from pydantic import Field
@@ -13,6 +13,8 @@ import gmmtorch
 from gmmtorch import FitResult, GaussianMixtures, PointClouds
 from novelty.preprocess.prepared import PreparedPairs, PreparedScans
 from novelty.section import section
+
+T = TypeVar("T")
 
 
 @section
@@ -48,15 +50,25 @@ class Fit:
 
 @dataclass(frozen=True)
 class FitPlan:
-    """One fit: its settings, its K_max (one for all, or one per pair) and its seed.
+    """How one batch is fitted: the settings, K_max (one for all, or one per pair) and the seed.
 
-    `reference` holds the mixtures of the reference scans where they are known already.
+    `reference` holds the mixtures of the reference scans where they are known already. `made`, a dictionary, lets
+    several detectors share the fits they have in common; such a plan belongs to one batch.
     """
 
     settings: Fit
     max_components: int | Sequence[int] = 20
     seed: int = 0
     reference: FitResult | None = None
+    made: dict[Hashable, Any] | None = field(default=None, compare=False, repr=False)
+
+    def once(self, what: Hashable, fit: Callable[[], T]) -> T:
+        """The fit of this name; where detectors share fits it is made when it is first asked for."""
+        if self.made is None:
+            return fit()
+        if what not in self.made:
+            self.made[what] = fit()
+        return self.made[what]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +82,25 @@ class Models:
         """The same mixtures with the roles exchanged."""
         return Models(reference=self.current, current=self.reference)
 
+    def select(self, rows: Sequence[int], max_components: int) -> Models:
+        """The mixtures of these pairs, which were fitted with this K_max, without the padding for others."""
+        sides = (self.reference.select(rows), self.current.select(rows))
+        reference, current = (
+            replace(side, mixtures=side.mixtures.trim(), mdl_path=side.mdl_path[:, :max_components])
+            for side in sides
+        )
+        return Models(reference=reference, current=current)
+
 
 def fit_independently(batch: PreparedPairs, plan: FitPlan) -> Models:
     """Fit every scan on its own, as the paper does, all 2 P of them in one batch (Algorithm 1).
 
     Where the plan knows the mixtures of the references, only the current scans are fitted.
     """
+    return plan.once("independent", lambda: _fit_independently(batch, plan))
+
+
+def _fit_independently(batch: PreparedPairs, plan: FitPlan) -> Models:
     if plan.reference is not None:
         return Models(reference=plan.reference, current=fit_scans([batch.current], plan))
     fits = fit_scans([batch.reference, batch.current], plan)

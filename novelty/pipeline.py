@@ -99,14 +99,37 @@ def compare_prepared(
         config: Settings of everything else.
         clock: Counts the seconds of every stage.
     """
-    detector = config.chosen_detector
     # Section 4, future work: the given poses refined, what remains of their error measured.
     with clock.stage("register"):
         registrations = register(batch, config.registration)
         batch = batch.aligned(registrations.transforms)
     # Section 2.3: Gaussian mixtures, their order chosen by MDL (Algorithm 1).
     with clock.stage("fit"):
-        models = detector.fit(batch, plan)
+        models = config.chosen_detector.fit(batch, plan)
+    results = compare_fitted(pairs, batch, registrations, models, config, clock)
+    timings = {stage: seconds / len(pairs) for stage, seconds in clock.seconds.items()}
+    return [replace(result, timings=timings) for result in results]
+
+
+def compare_fitted(
+    pairs: Sequence[ScanPair],
+    batch: PreparedPairs,
+    registrations: Registrations,
+    models: Models,
+    config: Config,
+    clock: Clock,
+) -> list[NoveltyResult]:
+    """Compare and segment pairs whose mixtures are known; the results have no timings.
+
+    Args:
+        pairs: The P pairs as given.
+        batch: The same, preprocessed, in one frame.
+        registrations: What brought them into that frame.
+        models: Their mixtures, as the detector of `config` fits them.
+        config: Settings of the detector and of everything after it.
+        clock: Counts the seconds of every stage.
+    """
+    detector = config.chosen_detector
     # Section 2.4: which components have no counterpart in the other mixture.
     with clock.stage("compare"):
         comparison = detector.compare(batch, models)
@@ -121,9 +144,7 @@ def compare_prepared(
         outcome = PairOutcome(
             batch, registrations, models, comparison, added, removed, notes, config.preprocess.up
         )
-        results = assemble(pairs, outcome, config.unit)
-    timings = {stage: seconds / len(pairs) for stage, seconds in clock.seconds.items()}
-    return [replace(result, timings=timings) for result in results]
+        return assemble(pairs, outcome, config.unit)
 
 
 def segment_current(

@@ -11,7 +11,7 @@ import torch
 
 import gmmtorch
 from gmmtorch import FitResult, GaussianMixtures, PointClouds
-from novelty.detectors.shared_mixture import unite
+from novelty.detectors.shared_mixture import fit_united
 from novelty.fitting import Fit, FitPlan, Models, fitted_clouds
 from novelty.preprocess.prepared import PreparedPairs
 
@@ -24,17 +24,13 @@ def fit_coupled(batch: PreparedPairs, plan: FitPlan, max_iterations: int) -> Mod
         plan: Settings of the common fit; K_max holds for both scans together.
         max_iterations: EM iterations that each scan makes from the common mixture.
     """
+    return plan.once(("coupled", max_iterations), lambda: _fit_coupled(batch, plan, max_iterations))
+
+
+def _fit_coupled(batch: PreparedPairs, plan: FitPlan, max_iterations: int) -> Models:
     settings = plan.settings
     reference, current = (fitted_clouds(scans, settings) for scans in (batch.reference, batch.current))
-    common = gmmtorch.fit_mdl(
-        unite(reference, current),
-        max_components=plan.max_components,
-        initializer=settings.initializer,
-        n_init=settings.n_init,
-        min_std=settings.min_std,
-        covariance_floor=settings.covariance_floor,
-        seed=plan.seed,
-    ).mixtures
+    common = fit_united(reference, current, plan).mixtures
     return Models(
         reference=_refined(reference, common, settings, max_iterations),
         current=_refined(current, common, settings, max_iterations),

@@ -54,18 +54,15 @@ def fit_shared(batch: PreparedPairs, plan: FitPlan, split_distance: float, max_s
     Returns:
         Models whose weights are the expected shares of each scan's own points.
     """
+    return plan.once(
+        ("shared", split_distance, max_splits), lambda: _fit_shared(batch, plan, split_distance, max_splits)
+    )
+
+
+def _fit_shared(batch: PreparedPairs, plan: FitPlan, split_distance: float, max_splits: int) -> Models:
     settings = plan.settings
     reference, current = (fitted_clouds(scans, settings) for scans in (batch.reference, batch.current))
-    united = unite(reference, current)
-    fit = gmmtorch.fit_mdl(
-        united,
-        max_components=plan.max_components,
-        initializer=settings.initializer,
-        n_init=settings.n_init,
-        min_std=settings.min_std,
-        covariance_floor=settings.covariance_floor,
-        seed=plan.seed,
-    )
+    fit, united = fit_united(reference, current, plan), unite(reference, current)
     # Components in which the two scans differ, each split into one per scan.
     mixtures, resolution = fit.mixtures, cell_resolution(batch)
     for _ in range(max_splits):
@@ -79,6 +76,23 @@ def fit_shared(batch: PreparedPairs, plan: FitPlan, split_distance: float, max_s
         ).mixtures
     fit = replace(fit, mixtures=mixtures)
     return Models(reference=_share_of(reference, fit), current=_share_of(current, fit))
+
+
+def fit_united(reference: PointClouds, current: PointClouds, plan: FitPlan) -> FitResult:
+    """Fit one mixture to both scans of every pair together, its order chosen by MDL; P fits."""
+    settings = plan.settings
+    return plan.once(
+        "united",
+        lambda: gmmtorch.fit_mdl(
+            unite(reference, current),
+            max_components=plan.max_components,
+            initializer=settings.initializer,
+            n_init=settings.n_init,
+            min_std=settings.min_std,
+            covariance_floor=settings.covariance_floor,
+            seed=plan.seed,
+        ),
+    )
 
 
 def unite(reference: PointClouds, current: PointClouds) -> PointClouds:
