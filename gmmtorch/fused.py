@@ -5,7 +5,7 @@ together are close to few components: a component whose logit is everywhere in a
 responsibilities below 1e-26 there, and the rest of its work, three quarters of all, is left out. Tiles are
 independent of each other, so that threads change nothing in the result, not even its last bit.
 
-Numba is optional: without it, or on a device, `gmmtorch.statistics` makes the same pass by tensor operations.
+On a device, `gmmtorch.statistics` makes the same pass by tensor operations.
 """
 
 from __future__ import annotations

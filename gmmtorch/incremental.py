@@ -109,7 +109,7 @@ def update(
     scanned = normalize(clouds, min_std, relative_floor).status
     usable = torch.tensor([status.has_mixture for status in scanned], device=clouds.device)
     evidence = _join(_faded(model.cells, forgetting), _keep(clouds, usable[clouds.cloud_index]))
-    problem = prepare(evidence, min_std, relative_floor, "model", "mdl")
+    problem = prepare(evidence, min_std, relative_floor, "model", "mdl", accelerate=True)
     found = _grown_and_merged(problem, model.mixtures, most, criterion, max_iterations, seed)
     refined = MixtureModel.of(mixtures_from_components(problem, found.best.components), evidence, num_cells)
     if forgetting < 1.0:

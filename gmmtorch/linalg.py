@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 __all__ = [
+    "is_positive",
     "log_determinant",
     "num_lifted",
     "pack_symmetric",
@@ -53,6 +54,11 @@ def safe_cholesky(matrices: Tensor) -> tuple[Tensor, Tensor]:
     positive = (info == 0) & torch.isfinite(factor).all(-1).all(-1)
     identity = torch.eye(matrices.shape[-1], dtype=matrices.dtype, device=matrices.device)
     return torch.where(positive[..., None, None], factor, identity), positive
+
+
+def is_positive(matrices: Tensor) -> Tensor:
+    """Whether symmetric matrices (..., D, D) are positive definite (...) bool; does not synchronise."""
+    return torch.linalg.cholesky_ex(matrices).info == 0
 
 
 def log_determinant(factor: Tensor) -> Tensor:

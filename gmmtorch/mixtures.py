@@ -75,7 +75,7 @@ class GaussianMixtures:
             )
         if not bool((linalg.safe_cholesky(c)[1] | ~mask).all()):
             raise ArgumentError("a covariance is not positive definite; add a small multiple of the identity")
-        return _with_padding(w, m, c, count)
+        return _with_padding(_scaled_to_one(w), m, c, count)
 
     @staticmethod
     def from_list(mixtures: Sequence[GaussianMixtures]) -> GaussianMixtures:
@@ -259,14 +259,19 @@ def _sample_one(mixture: GaussianMixtures, num_samples: int, seed: int) -> tuple
     return points, component
 
 
-def _with_padding(weights: Tensor, means: Tensor, covariances: Tensor, count: Tensor) -> GaussianMixtures:
-    """Scale the weights to 1 and set the slots from `count` on to weight 0, mean 0, covariance I."""
-    mask = torch.arange(weights.shape[1], device=weights.device) < count[:, None]
-    weights = torch.where(mask, weights, 0.0)
+def _scaled_to_one(weights: Tensor) -> Tensor:
+    """Weights (B, K) >= 0 divided by their sum; those whose sum is 1 but for rounding keep every bit."""
     total = weights.sum(1, keepdim=True)
+    exact = (total - 1.0).abs() <= weights.shape[1] * torch.finfo(weights.dtype).eps
+    return weights / torch.where(exact | (total == 0), 1.0, total)
+
+
+def _with_padding(weights: Tensor, means: Tensor, covariances: Tensor, count: Tensor) -> GaussianMixtures:
+    """Set the slots from `count` on to weight 0, mean 0, covariance I."""
+    mask = torch.arange(weights.shape[1], device=weights.device) < count[:, None]
     identity = torch.eye(means.shape[-1], dtype=means.dtype, device=means.device)
     return GaussianMixtures(
-        weights=torch.where(total > 0, weights / torch.where(total > 0, total, 1.0), 0.0),
+        weights=torch.where(mask, weights, 0.0),
         means=torch.where(mask[..., None], means, 0.0),
         covariances=torch.where(mask[..., None, None], covariances, identity),
         num_components=count.to(torch.int64),

@@ -39,6 +39,9 @@ Tolerance = float | Literal["mdl"] | None
 _STARVED = 1e-6  # of the mean point weight: below it a component explains nothing and is dropped
 _PAPER_FLOOR = 1e-5  # of the mean variance, Bouman's constant
 _TINY_FLOOR = 1e-10
+_RELAXATION = (
+    1.5  # growth of over-relaxed steps; from 1.1 to 2, the number of iterations differs by a few percent
+)
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,7 @@ class Workload:
         tolerance: gain at which EM stops (B,), nats; None for never.
         total: total weight N (B,).
         volume: nats by which log-likelihoods in the caller's units are below those in normalised ones (B,).
+        relaxation: factor by which the M-steps grow while they succeed; 1 for EM's own steps.
     """
 
     tiles: Tiles
@@ -62,6 +66,7 @@ class Workload:
     tolerance: Tensor | None
     total: Tensor
     volume: Tensor
+    relaxation: float
 
     def take(self, clouds: Sequence[int]) -> Workload:
         """The part that belongs to these clouds (B',), known on the host; a cloud may repeat."""
@@ -76,6 +81,7 @@ class Workload:
             tolerance=None if self.tolerance is None else self.tolerance[rows],
             total=self.total[rows],
             volume=self.volume[rows],
+            relaxation=self.relaxation,
         )
 
 
@@ -100,6 +106,7 @@ def prepare(
     relative_floor: float,
     covariance_floor: CovarianceFloor,
     tolerance: Tolerance,
+    accelerate: bool = False,
 ) -> Problem:
     """Normalise, sort and tile a batch; synchronises the device.
 
@@ -129,6 +136,7 @@ def prepare(
         tolerance=_tolerances(normalized.clouds, tolerance),
         total=total,
         volume=total * normalized.log_volume,
+        relaxation=_RELAXATION if accelerate else 1.0,
     )
     return Problem(normalized, workload, covariance + added[:, None, None] * identity)
 

@@ -101,6 +101,7 @@ def fit_mdl(
     min_std: float | None = None,
     relative_floor: float = 1e-4,
     covariance_floor: CovarianceFloor = "model",
+    accelerate: bool = True,
     members: Sequence[int] | None = None,
     return_path: bool = False,
 ) -> FitResult:
@@ -118,6 +119,7 @@ def fit_mdl(
         min_std: covariance floor as a standard deviation, m.
         relative_floor: covariance floor in units of the cloud's robust extent.
         covariance_floor: "model" or "paper", as in `fit_em`.
+        accelerate: over-relaxed EM, as in `fit_em`; False makes EM's own steps only, as the paper.
         members: cloud of every fit (B',), for several fits of a cloud, with other K_max, that share its points;
             by default every cloud is fitted once.
         return_path: also return the mixtures of all orders.
@@ -129,7 +131,7 @@ def fit_mdl(
     if max_iterations < 1 or n_init < 1:
         raise ArgumentError(f"max_iterations and n_init must be >= 1, got {max_iterations} and {n_init}")
     value = criterion_named(criterion)
-    problem = prepare(clouds, min_std, relative_floor, covariance_floor, "mdl")
+    problem = prepare(clouds, min_std, relative_floor, covariance_floor, "mdl", accelerate)
     if members is not None:
         problem = problem.take(members)
     held, before = feasible_components(problem, max_components)

@@ -15,16 +15,15 @@ kept relative to the centre of their tile, so that float32 products lose nothing
 cloud, and one `bmm` serves clouds of any size: eta (G, K, F) times phi (G, F, T) gives logits (G, K, T), components on
 the rows. The tiles pass in chunks whose logits stay in the processor's cache. Padding points have weight 0.
 
-On a CPU with Numba installed, `gmmtorch.fused` makes the same pass in one compiled loop.
+On a CPU `gmmtorch.fused` makes the same pass in one compiled loop (Numba).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property, lru_cache
-from importlib.util import find_spec
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -122,6 +121,11 @@ class Tiles:
         """Precision of the arithmetic."""
         return self.storage.features.dtype
 
+    @property
+    def on_cpu(self) -> bool:
+        """Whether the compiled pass can read the points."""
+        return self.storage.features.device.type == "cpu"
+
     @cached_property
     def owner(self) -> Tensor:
         """Cloud of every tile (G,) int64."""
@@ -198,6 +202,16 @@ class Statistics:
         """Statistics of these clouds (B',) int64."""
         return Statistics(*(getattr(self, f.name).index_select(0, clouds) for f in fields(self)))
 
+    def where(self, condition: Tensor, other: Statistics) -> Statistics:
+        """Keep these statistics where the condition (B,) bool holds, those of `other` elsewhere."""
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return Statistics(
+            *(
+                torch.where(condition.view(-1, *[1] * (mine.dim() - 1)), mine, theirs)
+                for mine, theirs in pairs
+            )
+        )
+
     def covariances(self) -> Tensor:
         """Covariance of the share of every component, without any floor (B, K, D, D); 0 where N_k is 0."""
         counts = torch.where(self.counts > 0, self.counts, 1.0)[..., None]
@@ -213,35 +227,31 @@ def expectation(tiles: Tiles, components: Components, floor: Tensor) -> Statisti
         components: the mixtures, in the same coordinates.
         floor: standard deviation delta that belongs to every point (B,).
     """
-    fused = fused_pass() if tiles.storage.features.device.type == "cpu" else None
     precisions = components.precisions  # (B, K, D, D)
     slack = 0.5 * floor[:, None].square() * precisions.diagonal(dim1=-2, dim2=-1).sum(-1)  # (B, K)
     slack = torch.where(components.weights > 0, slack, 0.0)
     # The factors that take the floor's share of the exponent back.
     bare = slack.clamp_max(_LARGEST_SLACK).exp().to(tiles.dtype)
     log_scales = components.log_scales - slack
-    if fused is None:
-        moments, values = _by_tensor_operations(tiles, log_scales, bare, precisions, components.means)
-    else:
-        stored = tiles.storage
-        moments, values = fused(
-            stored.features, stored.weights, stored.centers, tiles.places, tiles.owner,
-            log_scales, bare, precisions, components.means,
-        )  # fmt: skip
-        moments = _sum_over_tiles(moments.flatten(1), tiles).unflatten(1, moments.shape[1:])
+    of_batch = _compiled if tiles.on_cpu else _by_tensor_operations
+    moments, values = of_batch(tiles, log_scales, bare, precisions, components.means)
     totals = _sum_over_tiles(values, tiles)  # (B, 2)
     counts, first, second = _parts(moments, components.means.shape[2])
     return Statistics(counts, first, second, components.means, totals[:, 0], totals[:, 1])
 
 
-@lru_cache(maxsize=1)
-def fused_pass() -> Callable[..., tuple[Tensor, Tensor]] | None:
-    """`gmmtorch.fused.moments_of_tiles`, or None where Numba is not installed."""
-    if find_spec("numba") is None:
-        return None
-    from gmmtorch.fused import moments_of_tiles
+def _compiled(
+    tiles: Tiles, log_scales: Tensor, bare: Tensor, precisions: Tensor, means: Tensor
+) -> tuple[Tensor, Tensor]:
+    """What `_by_tensor_operations` gives, by one compiled loop."""
+    from gmmtorch.fused import moments_of_tiles  # 0.4 s: the import of Numba
 
-    return moments_of_tiles
+    stored = tiles.storage
+    moments, values = moments_of_tiles(
+        stored.features, stored.weights, stored.centers, tiles.places, tiles.owner,
+        log_scales, bare, precisions, means,
+    )  # fmt: skip
+    return _sum_over_tiles(moments.flatten(1), tiles).unflatten(1, moments.shape[1:]), values
 
 
 def _by_tensor_operations(
@@ -302,9 +312,8 @@ def _exp_below(logits: Tensor, peak: Tensor) -> Tensor:
 
 def log_likelihood(tiles: Tiles, components: Components) -> Tensor:
     """Total log-likelihood of every cloud, always in float64 (B,), nats in normalised coordinates."""
-    fused = fused_pass() if tiles.storage.features.device.type == "cpu" else None
-    if fused is not None:
-        return _sum_over_tiles(_values_in_double(tiles, components, fused), tiles)[:, 1]
+    if tiles.on_cpu:
+        return _sum_over_tiles(_values_in_double(tiles, components), tiles)[:, 1]
     to_center = tiles.centers[:, :, None] - _of_tile(components.means.transpose(1, 2), tiles)
     eta = _natural_parameters(
         components.log_scales, components.precisions, to_center, tiles, torch.float64
@@ -320,17 +329,17 @@ def log_likelihood(tiles: Tiles, components: Components) -> Tensor:
     return _sum_over_tiles(per_tile, tiles)[:, 0]
 
 
-def _values_in_double(
-    tiles: Tiles, components: Components, fused: Callable[..., tuple[Tensor, Tensor]]
-) -> Tensor:
-    """Values of every tile without a floor (G, 2), by the fused pass over features that are lifted in float64."""
+def _values_in_double(tiles: Tiles, components: Components) -> Tensor:
+    """Values of every tile without a floor (G, 2), by the compiled pass over features that are lifted in float64."""
+    from gmmtorch.fused import moments_of_tiles
+
     storage, values = tiles.storage, []
     parameters = components.log_scales, torch.ones_like(components.weights), components.precisions
     for rows, stored in _chunks(tiles, components.weights.shape[1], torch.float64):
         spreads = None if storage.spreads is None else storage.spreads[stored]
         features = lift(storage.local[stored], spreads, torch.float64)
         values.append(
-            fused(
+            moments_of_tiles(
                 features, storage.weights[stored].double(), storage.centers[stored],
                 torch.arange(features.shape[0]), tiles.owner[rows], *parameters, components.means,
             )[1]

@@ -46,9 +46,9 @@ class NoSynchronisation(TorchDispatchMode):
         return func(*args, **(kwargs or {}))
 
 
-def prepared(dtype=torch.float64, device="cpu"):
+def prepared(dtype=torch.float64, device="cpu", accelerate=False):
     clouds = PointClouds.from_list([room(1500), room(300, 1)], dtype=dtype, device=device)
-    problem = prepare(clouds, None, 1e-4, "model", "mdl")
+    problem = prepare(clouds, None, 1e-4, "model", "mdl", accelerate)
     return problem, initial_components(problem, [6, 4], "evenly_spaced", 0, 0)
 
 
@@ -60,9 +60,10 @@ def test_the_guard_catches_what_it_should(call):
         call(torch.ones(3))
 
 
+@pytest.mark.parametrize("accelerate", [False, True])
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
-def test_an_iteration_does_not_synchronise(dtype):
-    problem, components = prepared(dtype)
+def test_an_iteration_does_not_synchronise(dtype, accelerate):
+    problem, components = prepared(dtype, accelerate=accelerate)
     work = problem.workload
     statistics = expectation(work.tiles, components, work.floor)
     state = replace(EMState.start(components), objective=statistics.objective)
@@ -76,8 +77,9 @@ def test_an_iteration_does_not_synchronise(dtype):
 
 
 @pytest.mark.parametrize(("num_tiles", "num_components", "dim"), [(7, 4, 3), (2, 1, 1), (3, 20, 10)])
+@pytest.mark.parametrize("relaxation", [1.0, 1.5])
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
-def test_shapes_on_the_meta_device(num_tiles, num_components, dim, dtype):
+def test_shapes_on_the_meta_device(num_tiles, num_components, dim, dtype, relaxation):
     counts = (num_tiles - 1, 1)
     num_features = 1 + dim + dim * (dim + 1) // 2
 
@@ -89,7 +91,7 @@ def test_shapes_on_the_meta_device(num_tiles, num_components, dim, dtype):
         meta(num_tiles, num_features, TILE, dtype=dtype), meta(num_tiles, dim),
     )  # fmt: skip
     tiles = Tiles(storage, (0, counts[0]), counts)
-    work = Workload(tiles, *(meta(2) for _ in range(6)))
+    work = Workload(tiles, *(meta(2) for _ in range(6)), relaxation=relaxation)
     components = Components(
         meta(2, num_components), meta(2, num_components, dim),
         meta(2, num_components, dim, dim), meta(2, num_components, dim, dim),

@@ -371,3 +371,37 @@ def test_any_batch_gives_numbers(sizes, dim, exponent, flat, repeats, components
     for b, w in enumerate(weights):
         assert (Status(int(result.status[b])) is Status.EMPTY) == (w.sum() == 0)
         assert float(mixtures.weights[b].sum()) == pytest.approx(float(w.sum() > 0))
+
+
+ACCELERATED = {"room": room(3000), "blobs": blobs(2000, seed=4), "corridor": room(2000, 3) * [5.0, 0.5, 1.0]}
+
+
+@pytest.mark.parametrize("name", ACCELERATED)
+def test_accelerated_em_never_lowers_the_objective(name):
+    clouds = PointClouds.from_list([ACCELERATED[name]])
+    values = [
+        float(fit_em(clouds, 8, max_iterations=i, tolerance=None, accelerate=True).objective[0])
+        for i in range(1, 40)
+    ]
+    assert (np.diff(values) >= -1e-9 * abs(values[-1])).all()
+    assert values[-1] > values[0] + 100
+
+
+def test_accelerated_em_ends_where_a_step_of_ems_own_gains_nothing_more():
+    clouds = PointClouds.from_list(list(ACCELERATED.values()))
+    plain = fit_em(clouds, 8, max_iterations=5000, tolerance=1e-3)
+    fast = fit_em(clouds, 8, max_iterations=5000, tolerance=1e-3, accelerate=True)
+    again = fit_em(clouds, initial=fast.mixtures, max_iterations=1, tolerance=None)
+    assert fast.converged.all()
+    assert (again.objective - fast.objective < 2e-3).all()
+    assert 1.4 * int(fast.num_iterations.sum()) < int(plain.num_iterations.sum())
+
+
+def test_accelerated_em_of_a_batch_is_that_of_its_members():
+    clouds = PointClouds.from_list([*ACCELERATED.values(), *hostile_clouds().values()])
+    together = fit_em(clouds, 5, accelerate=True)
+    for b in range(clouds.batch_size):
+        alone = fit_em(clouds[b], 5, accelerate=True)
+        count = alone.mixtures.weights.shape[1]
+        assert torch.equal(together.mixtures.means[b, :count], alone.mixtures.means[0])
+        assert torch.equal(together.num_iterations[b : b + 1], alone.num_iterations)

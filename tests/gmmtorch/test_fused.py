@@ -8,8 +8,6 @@ from gmmtorch.em import EMState, em_step
 from gmmtorch.problem import initial_components, prepare
 from tests.helpers import blobs, room
 
-pytest.importorskip("numba", reason="the compiled pass needs numba")
-
 
 def fitted(points, dtype, spreads=None, iterations=4):
     """A workload, and components after a few iterations."""
@@ -25,7 +23,7 @@ def fitted(points, dtype, spreads=None, iterations=4):
 
 def both(monkeypatch, call):
     compiled = call()
-    monkeypatch.setattr(statistics, "fused_pass", lambda: None)
+    monkeypatch.setattr(statistics.Tiles, "on_cpu", False)
     return compiled, call()
 
 

@@ -90,17 +90,19 @@ def test_no_cloud_breaks_an_update(name):
 
 @pytest.mark.parametrize("num_pieces", [2, 6])
 def test_pieces_approach_the_fit_of_everything(num_pieces):
-    # Measured on rooms of 12 000 points, seeds 0-2, 2 and 8 pieces: 0.004 nats per point worse to 0.010 better.
-    points, unseen = room(6000, 5), cloud_of(room(6000, 6))
-    at_once = fit_mdl(cloud_of(points)).mixtures.log_prob(unseen).mean()
-    first, *others = np.array_split(points, num_pieces)
-    model = model_of(first)
-    before = model.mixtures.log_prob(unseen).mean()
-    for piece in others:
-        model = update(model, cloud_of(piece)).model
-    after = model.mixtures.log_prob(unseen).mean()
-    assert float(at_once - after) < 0.04
-    assert float(at_once - before) > 2 * float(at_once - after)
+    # Measured on rooms of 6 000 points, six seeds: from 0.07 nats per point better to 0.04 worse.
+    lost, lost_before = [], []
+    for seed in (5, 7, 9):
+        points, unseen = room(6000, seed), cloud_of(room(6000, seed + 1))
+        at_once = fit_mdl(cloud_of(points)).mixtures.log_prob(unseen).mean()
+        first, *others = np.array_split(points, num_pieces)
+        model = model_of(first)
+        lost_before.append(float(at_once - model.mixtures.log_prob(unseen).mean()))
+        for piece in others:
+            model = update(model, cloud_of(piece)).model
+        lost.append(float(at_once - model.mixtures.log_prob(unseen).mean()))
+    assert max(lost) < 0.06
+    assert np.mean(lost_before) > 2 * np.mean(lost)
     assert float(model.total_weights[0]) == pytest.approx(6000.0)
 
 

@@ -205,3 +205,13 @@ def test_bad_mixtures_are_refused():
         GaussianMixtures.from_arrays(-weights, means, covariances)
     with pytest.raises(ShapeError, match="one per mixture"):
         GaussianMixtures.from_arrays(weights, means, covariances).log_prob(clouds_of(room(3), room(3)))
+
+
+def test_storing_and_padding_keep_every_bit(tmp_path):
+    weights = torch.tensor([[0.1] * 10, [1 / 3, 1 / 3, 1 / 3, *[0.0] * 7]], dtype=torch.float64)
+    means, covariances = torch.zeros(2, 10, 3).double(), torch.eye(3).double().expand(2, 10, 3, 3)
+    mixtures = GaussianMixtures(weights, means, covariances, torch.tensor([10, 3]))
+    mixtures.save(tmp_path / "mixtures.safetensors")
+    assert torch.equal(GaussianMixtures.load(tmp_path / "mixtures.safetensors").weights, weights)
+    assert torch.equal(mixtures.pad(12).weights[:, :10], weights)
+    assert torch.equal(GaussianMixtures.from_list([mixtures, mixtures.pad(12)]).weights[2:, :10], weights)
