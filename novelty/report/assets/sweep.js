@@ -1,0 +1,97 @@
+"use strict";
+(() => {
+  const { effects, plots } = JSON.parse(document.getElementById("figures").textContent);
+  const config = { displaylogo: false, responsive: true, displayModeBar: false };
+  const chosen = { study: Object.keys(effects)[0], metric: "kappa", band: "interval", layers: ["points"] };
+  const drawn = new Map();  // element -> whether it is a 3D scene
+
+  const cssColour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const all = (selector) => [...document.querySelectorAll(selector)];
+
+  // Colours follow the page: light, dark, or paper.
+  const axisTheme = () => ({ gridcolor: cssColour("--line"), linecolor: cssColour("--line") });
+  const themed = (layout, scene) => {
+    const axes = scene ? ["xaxis", "yaxis", "zaxis"] : ["xaxis", "yaxis"];
+    const place = scene ? layout.scene : layout;
+    for (const axis of axes) place[axis] = { ...place[axis], ...axisTheme() };
+    const font = { color: cssColour("--quiet"), family: getComputedStyle(document.body).fontFamily };
+    return { ...layout, font, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)" };
+  };
+  const draw = (element, figure, scene = false) => {
+    drawn.set(element, scene);
+    return Plotly.react(element, figure.data, themed(structuredClone(figure.layout), scene),
+      { ...config, scrollZoom: scene });
+  };
+  const repaint = () => {
+    for (const [element, scene] of drawn) {
+      if (element.layout) Plotly.react(element, element.data, themed({ ...element.layout }, scene), element._context);
+    }
+  };
+
+  // Buttons of one group: the pressed one says what is shown.
+  const choice = (attribute, select) => {
+    const buttons = all(`[data-${attribute}]`);
+    const key = attribute.replace(/-(\w)/g, (_, letter) => letter.toUpperCase());
+    for (const button of buttons) {
+      button.addEventListener("click", () => {
+        for (const other of buttons) other.setAttribute("aria-pressed", String(other === button));
+        select(button.dataset[key], button);
+      });
+    }
+  };
+
+  const drawEffect = () => {
+    if (!chosen.study) return Promise.resolve();
+    const { data, layout } = structuredClone(effects[chosen.study][chosen.metric]);
+    for (const trace of data) {
+      if (trace.meta && trace.meta.band) trace.visible = trace.meta.band === chosen.band;
+    }
+    for (const element of all("[data-of-study]")) element.hidden = element.dataset.ofStudy !== chosen.study;
+    for (const element of all("[data-metric-table]")) element.hidden = element.dataset.metricTable !== chosen.metric;
+    return draw(document.getElementById("effect"), { data, layout });
+  };
+
+  const showLayers = (figure) => {
+    for (const trace of figure.data) trace.visible = chosen.layers.includes(trace.meta.layer);
+    return figure;
+  };
+  const views = () => ["added", "removed"].map((side) => document.getElementById(`view-${side}`));
+  const showRun = async (row, button) => {
+    const viewer = document.getElementById("viewer");
+    viewer.hidden = false;
+    viewer.dataset.run = row;
+    document.getElementById("viewer-name").textContent = button.dataset.name;
+    const figures = JSON.parse(document.getElementById(`run-${row}`).textContent);
+    await Promise.all(views().map((view) => draw(view, showLayers(figures[view.id.slice(5)]), true)));
+    viewer.dataset.drawn = row;
+    viewer.scrollIntoView({ behavior: "smooth", block: "nearest" });
+  };
+  const redrawLayers = () => {
+    for (const view of views()) if (view.data) { showLayers(view); Plotly.redraw(view); }
+  };
+
+  const start = async () => {
+    choice("study", (study) => { chosen.study = study; drawEffect(); });
+    choice("metric", (metric) => { chosen.metric = metric; drawEffect(); });
+    choice("band", (band) => { chosen.band = band; drawEffect(); });
+    choice("compared", (column) => {
+      for (const element of all("[data-of-compared]")) element.hidden = element.dataset.ofCompared !== column;
+    });
+    choice("run", showRun);
+    choice("layers", (layers) => { chosen.layers = layers.split(" "); redrawLayers(); });
+    await drawEffect();
+    await Promise.all(Object.entries(plots).map(([name, figure]) => {
+      const element = document.getElementById(`plot-${name}`);
+      return element ? draw(element, figure) : null;
+    }));
+    document.addEventListener("themechange", repaint);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
+    // Paper has another width and other colours.
+    const fit = () => { repaint(); for (const element of drawn.keys()) if (element.layout) Plotly.Plots.resize(element); };
+    window.addEventListener("beforeprint", fit);
+    window.addEventListener("afterprint", fit);
+    matchMedia("print").addEventListener("change", fit);
+    document.body.dataset.ready = "true";
+  };
+  start();
+})();

@@ -1,0 +1,69 @@
+"""What a sweep varied, cut into studies: the effect of one factor at a time, beside the detectors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from novelty.report.sweep.runs import Factor, SweepRuns
+from novelty.report.sweep.summary import METRICS, Group, summarise
+
+MOST_SERIES = 8
+"""Lines that a figure can hold and still be read."""
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Scores against the values of one factor, for each value of another.
+
+    Attributes:
+        axis: What the scores are shown against; None where nothing but the series varies.
+        series: What tells the lines apart: the detector where it varies; None for one line.
+        pooled: Factors that are averaged over.
+        groups: By (series, axis), the places in their values; a factor that is None has none.
+    """
+
+    axis: Factor | None
+    series: Factor | None
+    pooled: tuple[Factor, ...]
+    groups: tuple[Group, ...]
+
+    @property
+    def key(self) -> str:
+        """What tells the studies of a sweep apart."""
+        return self.axis.key if self.axis else "all"
+
+    @property
+    def series_names(self) -> list[str]:
+        """What the legend calls the lines."""
+        return [self.series.text(k) for k in range(len(self.series.values))] if self.series else ["all runs"]
+
+    @property
+    def axis_names(self) -> list[str]:
+        """The values along the axis."""
+        return [self.axis.text(k) for k in range(len(self.axis.values))] if self.axis else ["all runs"]
+
+    def at(self, series: int, place: int) -> Group | None:
+        """The runs of one line at one value; None where there are none."""
+        wanted = (*([series] if self.series else []), *([place] if self.axis else []))
+        return next((group for group in self.groups if group.places == wanted), None)
+
+
+def studies(runs: SweepRuns, columns: Sequence[str] = tuple(METRICS)) -> list[Study]:
+    """One study per factor besides the one that gives the series; one of all runs where there is none."""
+    series = series_factor(runs)
+    axes = [factor for factor in runs.factors if factor is not series]
+    return [_study(runs, axis, series, columns) for axis in axes] or [_study(runs, None, series, columns)]
+
+
+def series_factor(runs: SweepRuns) -> Factor | None:
+    """What tells lines apart: the detector, else another factor of names, as far as few; None for one line."""
+    few = [factor for factor in runs.factors if len(factor.values) <= MOST_SERIES]
+    named = [factor for factor in few if factor.key == "detector" or not factor.numeric]
+    return named[0] if named else None
+
+
+def _study(runs: SweepRuns, axis: Factor | None, series: Factor | None, columns: Sequence[str]) -> Study:
+    by = [factor for factor in (series, axis) if factor is not None]
+    pooled = tuple(factor for factor in runs.factors if factor not in by)
+    return Study(axis, series, pooled, tuple(summarise(runs, by, columns)))
