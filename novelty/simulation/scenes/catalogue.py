@@ -6,15 +6,21 @@ from collections.abc import Callable
 
 from novelty.errors import InputError
 from novelty.simulation.scenes.corridor import make_corridor
+from novelty.simulation.scenes.hall import make_hall
 from novelty.simulation.scenes.ideal import make_ideal_corridor, make_relief
+from novelty.simulation.scenes.lab import make_lab
 from novelty.simulation.scenes.office import make_office
 from novelty.simulation.scenes.room import make_room
 from novelty.simulation.scenes.scene import Scene
+from novelty.simulation.scenes.stair import make_stair
 
 SCENES: dict[str, Callable[[int], Scene]] = {
     "corridor": make_corridor,
     "room": make_room,
     "office": make_office,
+    "hall": make_hall,
+    "stair": make_stair,
+    "lab": make_lab,
     "ideal_corridor": make_ideal_corridor,
     "relief": make_relief,
 }

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from novelty.simulation.meshes import Mesh, join
-from novelty.simulation.shapes import block, box, capsule, cylinder, pipe
+from novelty.simulation.poses import make_pose
+from novelty.simulation.shapes import block, box, capsule, cylinder, pipe, tube
 
 
 def table(length: float = 1.4, width: float = 0.7, height: float = 0.74) -> Mesh:
@@ -156,3 +158,82 @@ def carton(size: float = 0.5) -> Mesh:
 def drum(size: float = 0.5) -> Mesh:
     """An upright cylinder of diameter `size` m, 1.8 times as tall."""
     return cylinder(size / 2, 1.8 * size)
+
+
+def stool(height: float = 0.62) -> Mesh:
+    """A round stool on three legs."""
+    angles = 2 * np.pi * np.arange(3) / 3
+    legs = [
+        pipe((0.2 * np.cos(a), 0.2 * np.sin(a), 0.0), (0.1 * np.cos(a), 0.1 * np.sin(a), height), 0.015)
+        for a in angles
+    ]
+    return join([cylinder(0.17, 0.04).moved(make_pose((0, 0, height))), *legs])
+
+
+def workbench(length: float = 1.8, depth: float = 0.75, height: float = 0.9) -> Mesh:
+    """A bench on two drawer units with an instrument shelf above; it faces +x with its back at x = 0."""
+    units = [
+        box((0.05, y - 0.25, 0), (depth - 0.08, y + 0.25, height - 0.04))
+        for y in (-length / 2 + 0.27, length / 2 - 0.27)
+    ]
+    posts = [
+        box((0.02, y - 0.02, height), (0.06, y + 0.02, height + 0.75))
+        for y in (-length / 2 + 0.05, length / 2 - 0.05)
+    ]
+    board = box((0, -length / 2, height + 0.45), (0.3, length / 2, height + 0.48))
+    top = box((0, -length / 2, height - 0.04), (depth, length / 2, height))
+    return join([top, board, *posts, *units])
+
+
+def instrument(width: float = 0.5, depth: float = 0.4, height: float = 0.3) -> Mesh:
+    """A device with a knob and a display frame; it faces +x with its back at x = 0."""
+    knob = pipe((depth, -width / 4, height / 2), (depth + 0.03, -width / 4, height / 2), 0.03)
+    frame = box((depth, 0.02, height * 0.3), (depth + 0.01, width / 2 - 0.04, height * 0.8))
+    return join([box((0, -width / 2, 0), (depth, width / 2, height)), knob, frame])
+
+
+def gas_bottle(height: float = 1.5, radius: float = 0.115) -> Mesh:
+    """A gas cylinder with its valve."""
+    body = tube(
+        (0, 0, 0),
+        (0, 0, height),
+        [radius, radius, radius * 0.4, 0.03],
+        [0, height * 0.82, height * 0.93, height],
+        24,
+    )
+    return join([body, pipe((-0.06, 0, height * 0.97), (0.06, 0, height * 0.97), 0.02)])
+
+
+def trolley() -> Mesh:
+    """A trolley with two shelves on four posts."""
+    posts = [
+        box((x - 0.015, y - 0.015, 0.05), (x + 0.015, y + 0.015, 0.95))
+        for x in (-0.38, 0.38)
+        for y in (-0.23, 0.23)
+    ]
+    return join([block(0.8, 0.5, 0.04, 0.2), block(0.8, 0.5, 0.04, 0.8), *posts])
+
+
+def counter(length: float = 2.6) -> Mesh:
+    """A reception counter along y with a raised front; it faces +x."""
+    return join([block(0.7, length, 0.74), box((0.22, -length / 2, 0.74), (0.4, length / 2, 1.1))])
+
+
+def stair_flight(steps: int, width: float, run: float = 0.28, rise: float = 0.175) -> Mesh:
+    """A flight of stairs up along +x from the origin, `width` wide about y = 0, with open steps of 5 cm below."""
+    treads = [
+        box((step * run, -width / 2, step * rise - 0.05), ((step + 1) * run, width / 2, (step + 1) * rise))
+        for step in range(steps)
+    ]
+    return join(treads)
+
+
+def handrail(start: ArrayLike, end: ArrayLike, height: float = 0.9, posts: int = 5) -> Mesh:
+    """A rail on posts above the line between two points, (3,) each."""
+    first, last, up = (
+        np.asarray(start, dtype=float),
+        np.asarray(end, dtype=float),
+        np.array([0.0, 0.0, height]),
+    )
+    feet = first + np.linspace(0, 1, posts)[:, None] * (last - first)
+    return join([pipe(first + up, last + up, 0.025), *(pipe(foot, foot + up, 0.015) for foot in feet)])

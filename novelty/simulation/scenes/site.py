@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from novelty.simulation.meshes import Mesh
+from novelty.simulation.meshes import Mesh, join
 from novelty.simulation.poses import FloatArray, make_pose
 from novelty.simulation.scenes import furniture
 from novelty.simulation.scenes.scene import Scene
@@ -15,6 +15,9 @@ from novelty.simulation.shapes import Opening, block, box, wall
 from novelty.simulation.world import World
 
 DOOR_WIDTH = 0.9
+
+GLASS_REFLECTIVITY = 0.04
+"""Share of rays that return from glass: Fresnel's reflection of one face at normal incidence, for an index of 1.5."""
 
 
 @dataclass
@@ -73,12 +76,20 @@ class Site:
         window: bool = False,
     ) -> None:
         """A wall across, with a glazed window in its middle where wanted."""
-        frame = make_pose((*corner, 0), yaw=yaw)
-        pane = Opening(width * 0.3, width * 0.4, 0.95, 2.1)
-        self.add(name, wall(width, height, openings=[pane] if window else []), frame)
-        if window:
-            glass = box((pane.start, 0.05, pane.bottom), (pane.start + pane.width, 0.06, pane.top))
-            self.add(f"{name} glass", glass, frame, reflectivity=0.04)
+        panes = [Opening(width * 0.3, width * 0.4, 0.95, 2.1)] if window else []
+        self.glazed_wall(name, make_pose((*corner, 0), yaw=yaw), width, height, panes, f"{name} glass")
+
+    def glazed_wall(
+        self, name: str, frame: FloatArray, length: float, height: float, panes: Sequence[Opening], glass: str
+    ) -> None:
+        """A wall with window panes, which are one object, `glass`, and hardly return anything."""
+        self.add(name, wall(length, height, openings=panes), frame)
+        if panes:
+            sheets = [
+                box((pane.start, 0.05, pane.bottom), (pane.start + pane.width, 0.06, pane.top))
+                for pane in panes
+            ]
+            self.add(glass, join(sheets), frame, reflectivity=GLASS_REFLECTIVITY)
 
     def outer_walls(self, length: float, width: float, height: float, beyond: float) -> None:
         """The rooms behind the long walls: back walls and walls between them."""
@@ -100,15 +111,23 @@ class Site:
         self.long_wall("right", length, width, height, [door_at], swing)
         left = make_pose((0, width / 2, 0))
         pane = Opening(length * 0.62, length * 0.26, 0.9, 2.1)
-        self.add("left wall", wall(length, height, openings=[pane]), left)
-        glass = box((pane.start, 0.05, pane.bottom), (pane.start + pane.width, 0.06, pane.top))
-        self.add("window glass", glass, left, reflectivity=0.04)
+        self.glazed_wall("left wall", left, length, height, [pane], "window glass")
         radiator = make_pose((pane.start + pane.width / 2, width / 2 - 0.01, 0), yaw=-90)
         self.add("radiator", furniture.radiator(), radiator)
         self.end_wall("near wall", (0, -width / 2), 90, width, height)
         self.end_wall("far wall", (length, width / 2), -90, width, height)
         passage = box((-0.2, -width / 2 - 2.0, 0), (length + 0.2, -width / 2 - 1.9, height))
         self.add("passage wall", passage, np.eye(4))
+
+    def far_side(self, side: str, length: float, width: float, height: float, beyond: float) -> None:
+        """The wall that is seen through the open doors of a long wall."""
+        low, high = sorted(np.array([beyond - 0.1, beyond]) * (1 if side == "left" else -1))
+        offset = width / 2 if side == "left" else -width / 2
+        self.add(
+            f"{side} passage wall",
+            box((-0.2, offset + low, 0), (length + 0.2, offset + high, height)),
+            np.eye(4),
+        )
 
     def ceiling_lamps(self, places: Sequence[tuple[float, float]], height: float) -> None:
         """Flat lamps under the ceiling at (x, y)."""
