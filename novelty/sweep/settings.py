@@ -63,7 +63,9 @@ def settings_of(sweep: Sweep) -> tuple[Setting, ...]:
 
 def _combinations(sweep: Sweep) -> Iterator[dict[str, Any]]:
     """Every choice of one value per axis; the last key of `grid` changes fastest."""
-    tied = [dict(zip(sweep.zip, values, strict=True)) for values in zip(*sweep.zip.values(), strict=True)] or [{}]
+    tied = [
+        dict(zip(sweep.zip, values, strict=True)) for values in zip(*sweep.zip.values(), strict=True)
+    ] or [{}]
     for together, values in itertools.product(tied, itertools.product(*sweep.grid.values())):
         yield together | dict(zip(sweep.grid, values, strict=True))
 

@@ -101,7 +101,9 @@ def _setup(name: str, keys: dict[str, Any]) -> Setup:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"data.{name}: key {key!r} of `setup`: {first['msg']} (got {first['input']!r}).") from None
+        raise ConfigError(
+            f"data.{name}: key {key!r} of `setup`: {first['msg']} (got {first['input']!r})."
+        ) from None
 
 
 def _pair_name(case: Case, seed: int) -> str:
@@ -111,8 +113,7 @@ def _pair_name(case: Case, seed: int) -> str:
 
 def _matched(name: str, data: Data) -> list[PairEntry]:
     """Pairs of files whose patterns are filled with the same text, by that text."""
-    assert data.reference is not None and data.current is not None  # noqa: S101, PT018
-    reference, current = _filled(data.reference), _filled(data.current)
+    reference, current = _filled(data.reference or ""), _filled(data.current or "")
     both = [text for text in reference if text in current]
     if not both:
         raise InputError(

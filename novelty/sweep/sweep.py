@@ -34,13 +34,15 @@ class Data:
     """
 
     pairs: str | None = Field(
-        default=None, description="A pairs.csv, or a folder of scans with poses (consecutive scans are the pairs)."
+        default=None,
+        description="A pairs.csv, or a folder of scans with poses (consecutive scans are the pairs).",
     )
     reference: str | None = Field(
         default=None, description="Pattern of the reference scans, one `*` or more: `scans/*/before.ply`."
     )
     current: str | None = Field(
-        default=None, description="Pattern of the current scans, with as many `*`, which stand for the same text."
+        default=None,
+        description="Pattern of the current scans, with as many `*`, which stand for the same text.",
     )
     unit: Literal["m", "cm", "mm", "in", "ft"] | None = Field(
         default=None, description="Unit of the coordinates of these files; null: what `configuration` says."
@@ -49,12 +51,16 @@ class Data:
         default=None, description="A simulated experiment: a name in configs/experiments, or a .yaml file."
     )
     setup: dict[str, Any] | None = Field(
-        default=None, description="A simulated pair: keys of `novelty.simulation.Setup` (scene, changes, ...)."
+        default=None,
+        description="A simulated pair: keys of `novelty.simulation.Setup` (scene, changes, ...).",
     )
     vary: dict[str, list[Any]] = Field(
-        default_factory=dict, description="Keys of `setup` with a list of values each; every combination is made."
+        default_factory=dict,
+        description="Keys of `setup` with a list of values each; every combination is made.",
     )
-    seed: int | None = Field(default=None, ge=0, description="First seed of simulated pairs; the next take the next.")
+    seed: int | None = Field(
+        default=None, ge=0, description="First seed of simulated pairs; the next take the next."
+    )
     count: int | None = Field(
         default=None, ge=1, description="Simulated: seeds per condition. Files: take the first pairs only."
     )
@@ -80,7 +86,8 @@ class Sweep:
         default_factory=dict, description="Configuration keys of all runs that differ from the defaults."
     )
     grid: dict[str, list[Any]] = Field(
-        default_factory=dict, description="Configuration keys with a list of values each: every combination is run."
+        default_factory=dict,
+        description="Configuration keys with a list of values each: every combination is run.",
     )
     zip: dict[str, list[Any]] = Field(
         default_factory=dict,
@@ -102,7 +109,9 @@ class Sweep:
     @classmethod
     def _some_data(cls, data: dict[str, Data]) -> dict[str, Data]:
         if not data:
-            raise ValueError("name at least one entry, such as `rooms: {setup: {scene: room, changes: [person]}}`")
+            raise ValueError(
+                "name at least one entry, such as `rooms: {setup: {scene: room, changes: [person]}}`"
+            )
         return data
 
     @field_validator("grid", "zip")
@@ -229,7 +238,9 @@ def _check_keys(mapping: Mapping[str, Any], kind: type[Any], where: str) -> None
 
 def _explained(item: Any) -> str:
     key = ".".join(str(part) for part in item["loc"])
-    return f"key {key!r} in the sweep: {item['msg'].removeprefix('Value error, ')} (got {item['input']!r:.200})"
+    return (
+        f"key {key!r} in the sweep: {item['msg'].removeprefix('Value error, ')} (got {item['input']!r:.200})"
+    )
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:
