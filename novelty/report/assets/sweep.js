@@ -2,10 +2,14 @@
 (() => {
   const { effects, plots } = JSON.parse(document.getElementById("figures").textContent);
   const config = { displaylogo: false, responsive: true, displayModeBar: false };
+  // What is drawn for paper; its style cannot be asked for before it is laid out. The width fits A4 and Letter.
+  const PAPER = { width: 680, height: 300, "--line": "#bbb", "--quiet": "#444" };
+  let onPaper = false;
   const chosen = { study: Object.keys(effects)[0], metric: "kappa", band: "interval", layers: ["points"] };
   const drawn = new Map();  // element -> whether it is a 3D scene
 
-  const cssColour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const cssColour = (name) => (onPaper ? PAPER[name]
+    : getComputedStyle(document.documentElement).getPropertyValue(name).trim());
   const all = (selector) => [...document.querySelectorAll(selector)];
 
   // Colours follow the page: light, dark, or paper.
@@ -25,6 +29,15 @@
   const repaint = () => {
     for (const [element, scene] of drawn) {
       if (element.layout) Plotly.react(element, element.data, themed({ ...element.layout }, scene), element._context);
+    }
+  };
+
+  const fit = (paper) => {
+    onPaper = paper;
+    repaint();
+    const { width, height } = paper ? PAPER : { width: null, height: null };
+    for (const [element, scene] of drawn) {
+      if (element.layout && !scene) Plotly.relayout(element, { width, height, autosize: !paper });
     }
   };
 
@@ -86,11 +99,8 @@
     }));
     document.addEventListener("themechange", repaint);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
-    // Paper has another width and other colours.
-    const fit = () => { repaint(); for (const element of drawn.keys()) if (element.layout) Plotly.Plots.resize(element); };
-    window.addEventListener("beforeprint", fit);
-    window.addEventListener("afterprint", fit);
-    matchMedia("print").addEventListener("change", fit);
+    window.addEventListener("beforeprint", () => fit(true));
+    window.addEventListener("afterprint", () => fit(false));
     document.body.dataset.ready = "true";
   };
   start();

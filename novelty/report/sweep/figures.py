@@ -29,9 +29,11 @@ def effect_figure(study: Study, metric: str, other: Study | None = None) -> Figu
         traces += _effect_traces(other, metric, "dash")
     label = study.axis.label if study.axis else ""
     xaxis: dict[str, Any] = {"title": {"text": label}}
+    figure = _figure(traces, xaxis, {"title": {"text": METRICS[metric]}})
     if study.axis is None or not study.axis.numeric:
-        xaxis["type"] = "category"
-    return _figure(traces, xaxis, {"title": {"text": METRICS[metric]}})
+        figure["layout"]["scattermode"] = "group"
+        figure["layout"]["xaxis"]["type"] = "category"
+    return figure
 
 
 def _effect_traces(study: Study, metric: str, dash: str) -> list[Figure]:
@@ -143,7 +145,7 @@ def costs_figure(costs: Costs) -> Figure:
         }
         for stage, colour in zip(stages, STAGE_COLOURS, strict=True)
     ]
-    figure = _figure(traces, {"title": {"text": "seconds per run"}}, {"automargin": True})
+    figure = _figure(traces, {"title": {"text": "seconds per run"}}, {})
     figure["layout"]["barmode"] = "stack"
     figure["layout"]["legend"]["traceorder"] = "normal"
     return figure
@@ -196,11 +198,10 @@ def _line(x: list[Any], y: Iterable[float], name: str, colour: str, dash: str) -
 
 def _figure(traces: list[Figure], xaxis: dict[str, Any], yaxis: dict[str, Any]) -> Figure:
     layout = {
-        "xaxis": {"zeroline": False, **xaxis},
-        "yaxis": {"zeroline": False, **yaxis},
-        "margin": {"l": 64, "r": 12, "t": 8, "b": 44},
+        "xaxis": {"zeroline": False, "automargin": True, **xaxis},
+        "yaxis": {"zeroline": False, "automargin": True, **yaxis},
+        "margin": {"l": 56, "r": 12, "t": 8, "b": 48},
         "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom"},
-        "scattermode": "group",
         "hovermode": "closest",
     }
     return {"data": traces, "layout": layout}

@@ -22,7 +22,7 @@ from novelty.report.sweep.costs import Costs, costs
 from novelty.report.sweep.extremes import Extreme, extremes
 from novelty.report.sweep.failures import failures, remarks
 from novelty.report.sweep.orders import Orders, orders
-from novelty.report.sweep.runs import SweepRuns
+from novelty.report.sweep.runs import Factor, SweepRuns
 from novelty.report.sweep.studies import Study, studies
 from novelty.report.sweep.summary import METRICS
 from novelty.report.sweep.tables import (
@@ -196,10 +196,14 @@ def _facts(analysis: SweepAnalysis) -> list[tuple[str, str]]:
     return [
         (thousands(len(runs)), "runs"),
         (thousands(len(set(runs.pair_codes.tolist()))), "pairs"),
-        *((str(len(factor.values)), f"values of {factor.label}") for factor in runs.factors[:3]),
+        *((str(len(factor.values)), _many(factor)) for factor in runs.factors[:3]),
         (thousands(failed), "failed"),
         (_duration(analysis.costs.clock), "on the clock"),
     ]
+
+
+def _many(factor: Factor) -> str:
+    return "detectors" if factor.key == "detector" else f"values of {factor.label}"
 
 
 def _answer(analysis: SweepAnalysis) -> str:
