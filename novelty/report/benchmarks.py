@@ -121,7 +121,9 @@ def _timing(entry: Mapping[str, Any]) -> Timing:
     stats = entry["stats"]
     name = str(entry["name"]).removeprefix("test_")
     library = str(entry.get("extra_info", {}).get("library", ""))
-    return Timing(name, str(entry.get("group") or ""), library, stats["median"], stats["iqr"], stats["rounds"])
+    return Timing(
+        name, str(entry.get("group") or ""), library, stats["median"], stats["iqr"], stats["rounds"]
+    )
 
 
 def _machine(content: Mapping[str, Any]) -> dict[str, str]:

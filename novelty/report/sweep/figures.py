@@ -57,7 +57,14 @@ def _band_and_line(x: list[Any], spreads: list[Spread], name: str, colour: str, 
     lower, upper = zip(*((spread.quartiles[0], spread.quartiles[2]) for spread in spreads), strict=True)
     means = [spread.interval.mean for spread in spreads]
     return [
-        *([] if dash else [_band(x, low, high, name, colour, INTERVAL), _band(x, lower, upper, name, colour, QUARTILES)]),
+        *(
+            []
+            if dash
+            else [
+                _band(x, low, high, name, colour, INTERVAL),
+                _band(x, lower, upper, name, colour, QUARTILES),
+            ]
+        ),
         _line(x, means, name, colour, dash),
     ]
 
@@ -126,7 +133,12 @@ def paths_figure(orders: Orders, study: Study) -> Figure | None:
         if len(path.x)
     }
     traces = _quartile_traces(raised, study.series_names)
-    yaxis = {"title": {"text": "MDL above its least [nats]"}, "type": "log", "dtick": 1, "exponentformat": "power"}
+    yaxis = {
+        "title": {"text": "MDL above its least [nats]"},
+        "type": "log",
+        "dtick": 1,
+        "exponentformat": "power",
+    }
     return _figure(traces, {"title": {"text": "components K"}, "dtick": 2}, yaxis) if traces else None
 
 

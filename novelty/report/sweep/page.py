@@ -110,7 +110,9 @@ def _figures(analysis: SweepAnalysis, others: Sequence[Study]) -> dict[str, Any]
     first = analysis.studies[0]
     of_other = {study.key: study for study in others}
     effects = {
-        study.key: {metric: figures.effect_figure(study, metric, of_other.get(study.key)) for metric in METRICS}
+        study.key: {
+            metric: figures.effect_figure(study, metric, of_other.get(study.key)) for metric in METRICS
+        }
         for study in analysis.studies
     }
     plots = {

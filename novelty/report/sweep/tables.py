@@ -65,13 +65,20 @@ def _score_cell(interval: Interval | None, highest: float) -> ScoreCell | None:
     if interval is None or math.isnan(interval.mean):
         return None
     ends = "" if math.isnan(interval.low) else f"{interval.low:.3f} to {interval.high:.3f}"
-    return ScoreCell(f"{interval.mean:.3f}", ends, min(max(interval.mean, 0.0), 1.0), interval.mean == highest)
+    return ScoreCell(
+        f"{interval.mean:.3f}", ends, min(max(interval.mean, 0.0), 1.0), interval.mean == highest
+    )
 
 
 def cost_table(costs: Costs) -> Table:
     """Seconds per run of every stage, and runs per second of computing."""
     stages = list(next(iter(costs.seconds.values())))
-    columns = (Column("seconds per run", numeric=False), *map(Column, stages), Column("sum"), Column("runs per s"))
+    columns = (
+        Column("seconds per run", numeric=False),
+        *map(Column, stages),
+        Column("sum"),
+        Column("runs per s"),
+    )
     rows = []
     for name, seconds in costs.seconds.items():
         total = sum(seconds.values())

@@ -1,0 +1,143 @@
+"""The figures of a report for a paper, with matplotlib: kappa, V and U against every factor, orders, MDL and time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from novelty.errors import MissingDependencyError
+from novelty.io import replacing
+from novelty.report.sweep.costs import Costs, costs
+from novelty.report.sweep.figures import PALETTE, STAGE_COLOURS
+from novelty.report.sweep.orders import Orders, Quartiles, orders
+from novelty.report.sweep.runs import SweepRuns
+from novelty.report.sweep.studies import Study, studies
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+METRICS = {"kappa": r"$\kappa$", "cramers_v": "$V$", "uncertainty": "$U$"}
+"""The scores of the paper (section 3.1)."""
+
+WIDTH, ROW_HEIGHT = 7.2, 2.1
+"""Inches; the width of a page with two columns."""
+
+
+def write_sweep_plots(path: str | Path, runs: SweepRuns, other: SweepRuns | None = None) -> None:
+    """Write one figure, in the format of the file's extension: a row per factor, then orders, MDL and time.
+
+    Args:
+        path: A file that ends in `.png` or `.pdf`.
+        runs: The sweep.
+        other: A sweep whose means are drawn in dashes.
+
+    Raises:
+        MissingDependencyError: matplotlib is not installed.
+        InputError: The file cannot be written.
+    """
+    figure_class = _load_figure()
+    cut = studies(runs)
+    of_other = {study.key: study for study in studies(other)} if other is not None else {}
+    figure: Figure = figure_class(figsize=(WIDTH, ROW_HEIGHT * (len(cut) + 1)), layout="constrained")
+    grid = figure.subplots(len(cut) + 1, 3, squeeze=False)
+    for row, study in zip(grid, cut, strict=False):
+        for axes, (metric, symbol) in zip(row, METRICS.items(), strict=True):
+            _draw_effect(axes, study, metric)
+            if study.key in of_other:
+                _draw_effect(axes, of_other[study.key], metric, dashed=True)
+            axes.set_ylabel(symbol)
+    found = orders(runs, cut[0])
+    _draw_shares(grid[-1][0], found, cut[0])
+    _draw_paths(grid[-1][1], found, cut[0])
+    _draw_costs(grid[-1][2], costs(runs, cut[0]))
+    _finish(figure, grid, cut[0])
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=200)
+
+
+def _load_figure() -> Any:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"Figures in PNG and PDF need matplotlib, which cannot be loaded: {error}. "
+            "Run: pip install 'novelty-gmm[figures]'"
+        ) from error
+    return Figure
+
+
+def _draw_effect(axes: Axes, study: Study, metric: str, dashed: bool = False) -> None:
+    numeric = study.axis is not None and study.axis.numeric
+    for series, name in enumerate(study.series_names):
+        groups = [(place, study.at(series, place)) for place in range(len(study.axis_names))]
+        spreads = [(place, group.spreads[metric].interval) for place, group in groups if group is not None]
+        known = [(place, interval) for place, interval in spreads if not math.isnan(interval.mean)]
+        x = [study.axis.values[place] if numeric and study.axis else place for place, _ in known]
+        means = [interval.mean for _, interval in known]
+        style = {
+            "color": PALETTE[series % len(PALETTE)],
+            "linestyle": "--" if dashed else "-",
+            "linewidth": 1.2,
+        }
+        axes.plot(
+            x, means, marker="" if dashed else "o", markersize=2.5, label=None if dashed else name, **style
+        )
+        if not dashed:
+            ends = [[getattr(interval, end) for _, interval in known] for end in ("low", "high")]
+            axes.fill_between(x, *ends, color=style["color"], alpha=0.18, linewidth=0)
+    axes.set_xlabel(
+        "$K_{\\max}$" if study.key == "max_components" else study.axis.label if study.axis else ""
+    )
+    if not numeric:
+        axes.set_xticks(range(len(study.axis_names)), study.axis_names, rotation=30, ha="right")
+
+
+def _draw_shares(axes: Axes, found: Orders, study: Study) -> None:
+    for name, shares in found.shares.items():
+        axes.step(
+            range(1, len(shares) + 1), 100 * shares, where="mid", linewidth=1.2, color=_colour(study, name)
+        )
+    axes.set(xlabel="$K^*$", ylabel="share of scans [%]")
+
+
+def _draw_paths(axes: Axes, found: Orders, study: Study) -> None:
+    lines: Mapping[str, Quartiles] = found.paths
+    for name, line in lines.items():
+        colour = _colour(study, name)
+        axes.plot(line.x, line.middle.clip(1), color=colour, linewidth=1.2)
+        axes.fill_between(
+            line.x, line.lower.clip(1), line.upper.clip(1), color=colour, alpha=0.18, linewidth=0
+        )
+    axes.set(xlabel="$K$", ylabel="MDL above its least [nats]", yscale="log")
+
+
+def _draw_costs(axes: Axes, spent: Costs) -> None:
+    names = [name for name in spent.seconds if name != "all"][::-1]
+    ends = dict.fromkeys(names, 0.0)
+    for stage, colour in zip(next(iter(spent.seconds.values())), STAGE_COLOURS, strict=True):
+        widths = [spent.seconds[name][stage] for name in names]
+        axes.barh(names, widths, left=[ends[name] for name in names], color=colour, label=stage, height=0.7)
+        ends = {name: ends[name] + width for name, width in zip(names, widths, strict=True)}
+    axes.set_xlabel("seconds per run")
+    axes.legend(fontsize=5, ncols=2, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+
+
+def _finish(figure: Figure, grid: Sequence[Sequence[Axes]], study: Study) -> None:
+    for axes in (axes for row in grid for axes in row):
+        axes.tick_params(labelsize=6)
+        axes.xaxis.label.set_fontsize(8)
+        axes.yaxis.label.set_fontsize(8)
+        axes.grid(linewidth=0.3, alpha=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+    handles, names = grid[0][0].get_legend_handles_labels()
+    if len(names) > 1:
+        figure.legend(
+            handles, names, loc="outside upper center", ncols=min(len(names), 4), fontsize=7, frameon=False
+        )
+
+
+def _colour(study: Study, name: str) -> str:
+    return PALETTE[study.series_names.index(name) % len(PALETTE)]
