@@ -1,0 +1,66 @@
+"""What is compared: the paper's two methods as printed, ours, and those that both are measured against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from novelty.config import Config
+
+
+@dataclass(frozen=True)
+class Method:
+    """One line of a table.
+
+    Attributes:
+        key: In rows and files.
+        title: In the report.
+        config: Its settings; an experiment's analysis changes them further.
+        mixtures: Methods of the same word, settings of preprocessing and K_max are compared on the same mixtures, which
+            are then fitted once; empty: on its own.
+    """
+
+    key: str
+    title: str
+    config: Config
+    mixtures: str = ""
+
+
+def _paper(detector: str) -> Config:
+    return Config.preset("paper").replace(detector=detector)
+
+
+EMD = Method("emd_paper", "EMD, as printed", _paper("greedy_emd"), "printed")
+STRUCTURAL = Method("structural_paper", "Str. matching, as printed", _paper("structural_matching"), "printed")
+PRINTED = (EMD, STRUCTURAL)
+"""The paper's methods with its own choices throughout (`--preset paper`)."""
+
+
+def _alone(detector: str) -> Config:
+    settings = {"refine.method": "none", "visibility.method": "none"}
+    return Config(detector=detector).replace(**settings)
+
+
+ALONE = (
+    Method("emd_alone", "EMD, common mixture", _alone("greedy_emd"), "coupled"),
+    Method("structural_alone", "Str. matching, common mixture", _alone("structural_matching"), "coupled"),
+)
+"""The same two on mixtures that start from one common mixture, with distances that know shapes, and nothing after."""
+
+OURS = (
+    Method("emd", "EMD, our defaults", Config(detector="greedy_emd"), "coupled"),
+    Method("structural", "Str. matching, our defaults", Config(detector="structural_matching"), "coupled"),
+    Method(Config().detector, f"{Config().detector}, the default", Config()),
+)
+"""The same two and the default detector as `novelty detect` runs them: refined, and judged by visibility."""
+
+CLUSTERINGS = (
+    Method("kmeans_paper", "k-means clusters + EMD", _paper("kmeans_mixture")),
+    Method("fuzzy_paper", "Lomenie's clusters + EMD", _paper("fuzzy_partition")),
+)
+"""Other clusterings in the place of the mixtures, compared by Algorithm 2 as printed."""
+
+POINTWISE = (
+    Method("nearest_neighbour", "nearest neighbour (C2C)", Config(detector="nearest_neighbour")),
+    Method("voxel_difference", "voxel difference", Config(detector="voxel_difference")),
+)
+"""Comparisons of points."""

@@ -1,0 +1,177 @@
+"""The tables of the page."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Sequence
+
+from novelty.evaluation import Agreement, Interval
+from novelty.report.tables import Column, Table
+from novelty.report.tables import Row as Line
+from novelty.reproduction import printed
+from novelty.reproduction.methods import ALONE, CLUSTERINGS, OURS, POINTWISE, PRINTED, Method
+from novelty.reproduction.rows import STAGES, Row, grouped, interval, matching
+from novelty.reproduction.scoring import MethodTest
+from novelty.reproduction.segmentation import TITLES, SegmentationRow
+
+METHODS = {method.key: method for method in (*PRINTED, *ALONE, *OURS, *CLUSTERINGS, *POINTWISE)}
+"""Every method by its key."""
+
+
+def table_2(rows: Sequence[Row], analysis: str) -> Table:
+    """One half of Table 2: objects and methods, V, U and kappa with the level of agreement, printed values beside."""
+    columns = (
+        Column("object", numeric=False),
+        Column("method", numeric=False),
+        Column("V"),
+        Column("U"),
+        Column("κ [95 %]"),
+        Column("agreement", numeric=False),
+        Column("attainable κ"),
+        Column("printed V, U, κ"),
+    )
+    own = matching(rows, experiment="mobile_platform", analysis=analysis)
+    lines = [
+        _table_2_line(case, METHODS[key], part)
+        for (case, key), part in grouped(own, lambda row: (row.case, row.method)).items()
+    ]
+    return Table(columns, tuple(lines))
+
+
+def _table_2_line(case: str, method: Method, rows: Sequence[Row]) -> Line:
+    cell = (
+        printed.TABLE_2.get((case, rows[0].analysis, method.config.detector)) if method in PRINTED else None
+    )
+    kappa = interval(rows)
+    cells = (
+        case,
+        method.title,
+        f"{interval(rows, 'cramers_v').mean:.3f}",
+        f"{interval(rows, 'uncertainty').mean:.3f}",
+        spanned(kappa),
+        str(Agreement.of(kappa.mean)),
+        f"{interval(rows, 'attainable').mean:.3f}",
+        f"{cell.cramers_v:.3f}, {cell.uncertainty:.3f}, {cell.kappa:.3f}" if cell else "",
+    )
+    return Line(cells, "printed" if cell else "")
+
+
+def case_table(rows: Sequence[Row], experiment: str) -> Table:
+    """Kappa of every method on every case of an experiment, and what its components could attain."""
+    own = matching(rows, experiment=experiment)
+    cases = list(dict.fromkeys(row.case for row in own))
+    columns = (
+        Column("method", numeric=False),
+        *(Column(f"{case}: κ [95 %]") for case in cases),
+        Column("attainable κ"),
+        Column("s per pair"),
+    )
+    lines = []
+    for key, part in grouped(own, lambda row: row.method).items():
+        spans = [spanned(interval(matching(part, case=case))) for case in cases]
+        attainable = "" if METHODS[key] in POINTWISE else f"{interval(part, 'attainable').mean:.3f}"
+        lines.append(
+            Line(
+                (METHODS[key].title, *spans, attainable, f"{statistics.median(r.seconds for r in part):.2f}")
+            )
+        )
+    return Table(columns, tuple(lines))
+
+
+def test_table(tests: Sequence[MethodTest]) -> Table:
+    """McNemar's tests."""
+    columns = (
+        Column("experiment", numeric=False),
+        Column("case", numeric=False),
+        Column("data", numeric=False),
+        Column("only EMD right"),
+        Column("only str. matching right"),
+        Column("p"),
+    )
+    lines = [
+        Line(
+            (
+                test.experiment.replace("_", " "),
+                test.case,
+                test.analysis,
+                _spaced(test.first_only),
+                _spaced(test.second_only),
+                "< 1e-16" if test.p_value < 1e-16 else f"{test.p_value:.2g}",
+            )
+        )
+        for test in tests
+    ]
+    return Table(columns, tuple(lines))
+
+
+def segmentation_table(segmentations: Sequence[SegmentationRow]) -> Table:
+    """Clusters, attainable kappa in every scene, seconds."""
+    cases = list(dict.fromkeys(row.case for row in segmentations))
+    columns = (
+        Column("segmentation", numeric=False),
+        Column("clusters"),
+        *(Column(f"{case}: attainable κ") for case in cases),
+        Column("s per scan"),
+        Column("printed"),
+    )
+    beside = {
+        "fuzzy_automatic": "2 min; 3, 2, 2 clusters",
+        "fuzzy_9": "1 h",
+        "mixture_9": "60 s",
+        "mixture_20": "60 s",
+    }
+    lines = []
+    for method, title in TITLES.items():
+        part = [row for row in segmentations if row.method == method]
+        counts = [row.clusters for row in part]
+        means = [statistics.mean(row.kappa for row in part if row.case == case) for case in cases]
+        span = f"{min(counts)}–{max(counts)}" if min(counts) < max(counts) else str(counts[0])
+        seconds = statistics.median(row.seconds for row in part)
+        lines.append(
+            Line((title, span, *(f"{mean:.2f}" for mean in means), f"{seconds:.2f}", beside[method]))
+        )
+    return Table(columns, tuple(lines))
+
+
+def time_table(rows: Sequence[Row]) -> Table:
+    """Median seconds per pair of every stage, for the platforms and the methods as printed and by default."""
+    columns = (
+        Column("data", numeric=False),
+        Column("method", numeric=False),
+        Column("points"),
+        *(Column(stage) for stage in STAGES),
+        Column("total"),
+    )
+    lines = []
+    for experiment in ("static_platform", "mobile_platform", "box_size", "viewpoint"):
+        for method in (*PRINTED, OURS[-1]):
+            part = [row for row in matching(rows, experiment=experiment, method=method.key) if not row.order]
+            lines += [_time_line(experiment, method, part)] if part else []
+    return Table(columns, tuple(lines))
+
+
+def _time_line(experiment: str, method: Method, rows: Sequence[Row]) -> Line:
+    stages = [statistics.median(getattr(row, stage) for row in rows) for stage in STAGES]
+    return Line(
+        (
+            experiment.replace("_", " "),
+            method.title,
+            _spaced(round(statistics.median(row.points for row in rows))),
+            *(f"{seconds:.2f}" for seconds in stages),
+            f"{statistics.median(row.seconds for row in rows):.2f}",
+        )
+    )
+
+
+def spanned(span: Interval) -> str:
+    """A mean and its interval, cut to the range of kappa: 0.87 [0.80, 0.94]."""
+    if math.isnan(span.mean):
+        return "–"
+    if math.isnan(span.low):
+        return f"{span.mean:.3f}"
+    return f"{span.mean:.3f} [{max(span.low, -1):.2f}, {min(span.high, 1):.2f}]"
+
+
+def _spaced(value: int) -> str:
+    return f"{value:,}".replace(",", " ")
