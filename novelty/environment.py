@@ -26,6 +26,7 @@ MODULES = {
     "safetensors": "safetensors",
     "laspy": "laspy",
     "lazrs": "lazrs",
+    "psutil": "psutil",
 }
 """Every distribution that novelty needs, and the name under which it is imported."""
 
