@@ -70,8 +70,9 @@ def simulate(
 def _one_scene(given: Mapping[str, object]) -> Experiment:
     """An experiment of one case, made of the options."""
     from novelty.simulation import Case, Experiment, Setup
+    from novelty.simulation.experiments.setup import validated
 
-    setup = Setup(**{"scene": "corridor", "changes": ("person", "box"), **given})  # type: ignore[arg-type]
+    setup = validated(Setup, {"scene": "corridor", "changes": ("person", "box"), **given}, "novelty simulate")
     return Experiment(
         name=setup.scene,
         title="",

@@ -30,7 +30,7 @@ from novelty.simulation.pairs import (
 )
 from novelty.simulation.poses import make_pose
 from novelty.simulation.raycast import RayScene
-from novelty.simulation.scenes import SCENES, Scene, make_scene
+from novelty.simulation.scenes import SCENES, Scene, make_scene, mesh_scene
 from novelty.simulation.sensors import SENSORS, Sensor, get_sensor
 from novelty.simulation.simulated import SimulatedPair, pair_up
 from novelty.simulation.truth import Truth, find_truth
@@ -72,6 +72,7 @@ __all__ = [
     "make_scene",
     "measure",
     "measure_drive",
+    "mesh_scene",
     "office_pair",
     "pair_up",
     "room_pair",

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable, Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from novelty.errors import InputError
 from novelty.simulation.meshes import Mesh
@@ -159,15 +160,29 @@ def _free_spot(
     if (low >= high).any():
         return None
     spots = rng.uniform(low, high, (400, 2))
-    rectangles = np.concatenate([footprints(world), scene.keep_free])
+    rectangles = np.concatenate([footprints(world, scene.enclosing), scene.keep_free])
     nearest = np.clip(spots[:, None], rectangles[None, :, 0], rectangles[None, :, 1])  # (spots, objects, 2)
-    gap = np.linalg.norm(nearest - spots[:, None], axis=2).min(axis=1)
+    gap = np.linalg.norm(nearest - spots[:, None], axis=2).min(axis=1, initial=np.inf)
     seen_at = transform(inverse(scene.viewpoint), np.column_stack([spots, np.zeros(len(spots))]))
     far_enough = np.linalg.norm(seen_at[:, :2], axis=1) > radius + 0.7
     ahead_enough = np.abs(np.degrees(np.arctan2(seen_at[:, 1], seen_at[:, 0]))) <= bearing
     spots = spots[(gap > radius) & far_enough & ahead_enough]
-    middle = np.column_stack([spots, np.full(len(spots), mesh.vertices[:, 2].max() / 2)])
+    height = float(mesh.vertices[:, 2].max())
+    middle = np.column_stack([spots, np.full(len(spots), height / 2)])
     visible = spots[RayScene(world).sees(scene.viewpoint[:3, 3], middle)] if len(spots) else spots
+    if scene.enclosing:
+        visible = visible[_clear(RayScene(world), visible, radius, height)]
     if not len(visible):
         return None
     return make_pose((*visible[0], 0.0), yaw=rng.uniform(-180, 180))
+
+
+def _clear(scene: RayScene, spots: FloatArray, radius: float, height: float) -> NDArray[np.bool_]:
+    """Whether a disc of `radius` m, as high as a new object, touches no surface at each of `spots` (N, 2): (N,)."""
+    angles = 2 * np.pi * np.arange(12) / 12
+    rim = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    levels = np.linspace(CLEARANCE, height, 6)
+    around = np.array([[*place, level] for place in [*rim, *(rim / 2), np.zeros(2)] for level in levels])
+    places = np.pad(spots, ((0, 0), (0, 1)))[:, None] + around  # (N, places, 3)
+    gaps = scene.distance(places.reshape(-1, 3)).reshape(len(spots), -1)
+    return gaps.min(axis=1, initial=np.inf) >= CLEARANCE / 2

@@ -11,18 +11,17 @@ import itertools
 from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import yaml
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 
 from novelty.errors import ConfigError
 from novelty.section import section
 from novelty.simulation.experiments.experiment import Analysis, Case, Experiment
-from novelty.simulation.experiments.setup import Setup
+from novelty.simulation.experiments.setup import Setup, validated
 
 Keys = dict[str, Any]
-T = TypeVar("T")
 
 
 @section
@@ -61,7 +60,7 @@ def load_experiment(name: str | Path) -> Experiment:
                 "or name a .yaml file."
             )
         path = _folder() / f"{name}.yaml"
-    content = _validate(_File, _read(path), path)
+    content = validated(_File, _read(path), str(path))
     return Experiment(
         name=path.stem,
         title=content.title,
@@ -85,7 +84,7 @@ def _cases(content: _File, path: Path) -> Iterator[Case]:
     for name, keys in content.cases.items():
         for varied in _combinations(content.vary):
             setup = {**content.setup, **(keys or {}), **varied}
-            yield Case(name, varied, _validate(Setup, setup, path, f"case {name!r}, "))
+            yield Case(name, varied, validated(Setup, setup, f"{path}, case {name!r}"))
 
 
 def _analyses(content: _File) -> Iterator[Analysis]:
@@ -109,12 +108,3 @@ def _read(path: Path) -> Any:
         raise ConfigError(f"{path}: the experiment cannot be read: {error.strerror}.") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: expected YAML; {error}.") from None
-
-
-def _validate(kind: type[T], content: Any, path: Path, where: str = "") -> T:
-    try:
-        return TypeAdapter(kind).validate_python(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{path}: {where}key {key!r}: {first['msg']} (got {first['input']!r}).") from None

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from collections.abc import Collection
+from typing import Any, TypeVar
 
+from pydantic import Field, TypeAdapter, ValidationError, ValidationInfo, field_validator
+
+from novelty.errors import ConfigError
 from novelty.section import section
+from novelty.simulation.changes import CHANGES
+from novelty.simulation.scenes import SCENES
+from novelty.simulation.sensors import SENSORS
+
+T = TypeVar("T")
 
 
 @section
@@ -60,3 +69,31 @@ class Setup:
     pose_error: tuple[float, float] = Field(
         default=(0.0, 0.0), description="Wrong placement of the current scan: shift, m, and turn, degrees."
     )
+
+    @field_validator("scene", "sensor", "changes")
+    @classmethod
+    def _known(cls, value: str | tuple[str, ...], info: ValidationInfo) -> str | tuple[str, ...]:
+        tables: dict[str, Collection[str]] = {"scene": SCENES, "sensor": SENSORS, "changes": CHANGES}
+        known = tables[str(info.field_name)]
+        for name in (value,) if isinstance(value, str) else value:
+            if name not in known:
+                raise ValueError(f"there is no {name!r}; choose from {', '.join(known)}")
+        return value
+
+
+def validated(kind: type[T], keys: Any, where: str) -> T:
+    """A section made of what a file or a command line says.
+
+    Raises:
+        ConfigError: An unknown key or a value that it cannot have; the message begins with `where`.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(keys)
+    except ValidationError as error:
+        unknown = [item for item in error.errors() if item["type"] == "unexpected_keyword_argument"]
+        first = (unknown or error.errors())[0]
+        if unknown:
+            raise ConfigError(f"{where}: there is no key {first['loc'][-1]!r}.") from None
+        key = ".".join(str(part) for part in first["loc"])
+        message = first["msg"].removeprefix("Value error, ")
+        raise ConfigError(f"{where}: {key}: {message} (got {first['input']!r}).") from None

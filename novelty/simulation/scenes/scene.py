@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from novelty.errors import InputError
-from novelty.simulation.poses import FloatArray, transform
+from novelty.simulation.meshes import Mesh
+from novelty.simulation.poses import FloatArray, as_pose, transform
 from novelty.simulation.world import World
 
 ROBOT_RADIUS = 0.27
@@ -31,18 +33,20 @@ class Scene:
             next where the one before has none.
         path: (W, 2), places that a robot drives by, m; None where it cannot.
         keep_free: (R, 2, 2), rectangles of the floor where nothing new may stand, lower and upper corner, m.
+        enclosing: Names of objects that new ones stand in, not beside: a whole building that is one mesh.
     """
 
     name: str
     world: World
     floor: FloatArray
     viewpoint: FloatArray
-    open_doors: Mapping[str, FloatArray]
-    movable: Sequence[str]
+    open_doors: Mapping[str, FloatArray] = field(default_factory=dict)
+    movable: Sequence[str] = ()
     focus: FloatArray | None = None
     search: Sequence[tuple[float, float]] = ((2.0, 25.0), (5.0, 180.0))
     path: FloatArray | None = None
     keep_free: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
+    enclosing: Sequence[str] = ()
 
     @property
     def aim(self) -> FloatArray:
@@ -67,10 +71,49 @@ class Scene:
         return replace(self, keep_free=np.concatenate([self.keep_free, lanes]))
 
 
-def footprints(world: World) -> FloatArray:
+def mesh_scene(
+    meshes: Mapping[str, Mesh],
+    viewpoint: ArrayLike,
+    floor: ArrayLike | None = None,
+    movable: Sequence[str] = (),
+    name: str = "mesh",
+) -> Scene:
+    """A scene of own meshes, in which things may appear, be moved and be taken away as in the others.
+
+    Args:
+        meshes: Objects by name, in world coordinates: z up, the floor at z = 0, m. Those that are not movable may
+            enclose the place, as the walls of a building that is one mesh do.
+        viewpoint: Where the sensor stands: a position (3,) or a pose (4, 4); it looks along its x axis.
+        floor: (2, 2), lower and upper corner of the floor on which new objects may stand, m; what the meshes cover
+            when None.
+        movable: Names of objects that may be moved or taken away.
+        name: Of the scene.
+
+    Example:
+        >>> from novelty.simulation import load_mesh, mesh_scene, simulate_pair
+        >>> scene = mesh_scene({"hall": load_mesh("hall.glb")}, (2.0, 0.0, 1.2))         # doctest: +SKIP
+        >>> pair = simulate_pair(scene, seed=0, changes=("person", "box"))               # doctest: +SKIP
+    """
+    world = World()
+    for mesh_name, mesh in meshes.items():
+        at = np.append((mesh.vertices[:, :2].min(axis=0) + mesh.vertices[:, :2].max(axis=0)) / 2, 0.0)
+        world = world.add(mesh_name, Mesh(mesh.vertices - at, mesh.triangles), at)
+    corners = np.concatenate([mesh.vertices[:, :2] for mesh in meshes.values()])
+    covered = (
+        np.stack([corners.min(axis=0), corners.max(axis=0)])
+        if floor is None
+        else np.array(floor, dtype=float)
+    )
+    fixed = tuple(name for name in meshes if name not in movable)
+    return Scene(name, world, covered, as_pose(viewpoint), movable=tuple(movable), enclosing=fixed)
+
+
+def footprints(world: World, without: Sequence[str] = ()) -> FloatArray:
     """Rectangles (objects, 2, 2) on the floor, lower and upper corner, taken up by what stands below head height."""
     boxes = [
-        np.stack([body.vertices.min(axis=0), body.vertices.max(axis=0)]) for body in world.bodies.values()
+        np.stack([body.vertices.min(axis=0), body.vertices.max(axis=0)])
+        for body in world.bodies.values()
+        if body.name not in without
     ]
     return np.array(
         [corners[:, :2] for corners in boxes if corners[0, 2] < 1.9 and corners[1, 2] > 0.02],
