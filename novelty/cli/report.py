@@ -45,7 +45,8 @@ def report(
     form: Annotated[
         Format | None,
         typer.Option(
-            "--format", help="html unless the ending of FILE says otherwise; png and pdf need [figures]."
+            "--format",
+            help="html unless the ending of FILE says otherwise; png and pdf need the extra 'figures'.",
         ),
     ] = None,
     benchmarks: Annotated[

@@ -27,8 +27,7 @@ def effect_figure(study: Study, metric: str, other: Study | None = None) -> Figu
     traces = _effect_traces(study, metric, "")
     if other is not None:
         traces += _effect_traces(other, metric, "dash")
-    label = study.axis.label if study.axis else ""
-    xaxis: dict[str, Any] = {"title": {"text": label}}
+    xaxis: dict[str, Any] = {"title": {"text": study.axis_label}}
     figure = _figure(traces, xaxis, {"title": {"text": METRICS[metric]}})
     if study.axis is None or not study.axis.numeric:
         figure["layout"]["scattermode"] = "group"
@@ -38,17 +37,15 @@ def effect_figure(study: Study, metric: str, other: Study | None = None) -> Figu
 
 def _effect_traces(study: Study, metric: str, dash: str) -> list[Figure]:
     traces: list[Figure] = []
-    numeric = study.axis is not None and study.axis.numeric
-    draw = _band_and_line if numeric else _whiskers
+    numbers = study.axis.values if study.axis is not None and study.axis.numeric else None
+    draw = _whiskers if numbers is None else _band_and_line
+    values = study.axis_names if numbers is None else numbers
     for series, name in enumerate(study.series_names):
-        x, spreads = [], []
-        for place, value in enumerate(study.axis.values if study.axis else ("all runs",)):
-            group = study.at(series, place)
-            if group is not None and not math.isnan(group.spreads[metric].interval.mean):
-                x.append(value if numeric else study.axis_names[place])
-                spreads.append(group.spreads[metric])
+        scores = study.along(series, metric)
+        x = [values[place] for place, _ in scores]
+        spreads = [spread for _, spread in scores]
         if x:
-            traces += draw(x, spreads, f"{name} (compared)" if dash else name, _colour(series), dash)
+            traces += draw(x, spreads, f"{name}, the other sweep" if dash else name, _colour(series), dash)
     return traces
 
 
@@ -84,6 +81,7 @@ def _whiskers(x: list[Any], spreads: list[Spread], name: str, colour: str, dash:
                 "name": name,
                 "legendgroup": name,
                 "offsetgroup": name,
+                "showlegend": not dash,
                 "marker": {"color": colour, "size": 9, "symbol": "diamond-open" if dash else "circle"},
                 "error_y": {
                     "array": _plain(high - m for (_, high), m in zip(ends, middle, strict=True)),
@@ -203,6 +201,7 @@ def _line(x: list[Any], y: Iterable[float], name: str, colour: str, dash: str) -
         "y": _plain(y),
         "name": name,
         "legendgroup": name,
+        "showlegend": not dash,
         "line": {"color": colour, "width": 2, "dash": dash or "solid"},
         "marker": {"size": 6},
     }

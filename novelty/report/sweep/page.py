@@ -168,7 +168,7 @@ def _page(
 def _study(study: Study) -> dict[str, Any]:
     return {
         "key": study.key,
-        "label": study.axis.label if study.axis else "all runs",
+        "label": study.axis_label or "all runs",
         "series": study.series.label if study.series else "",
         "pooled": ", ".join(factor.label for factor in study.pooled),
         "tables": [score_table(study, metric) for metric in METRICS],

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +9,7 @@ from novelty.errors import MissingDependencyError
 from novelty.io import replacing
 from novelty.report.sweep.costs import Costs, costs
 from novelty.report.sweep.figures import PALETTE, STAGE_COLOURS
-from novelty.report.sweep.orders import Orders, Quartiles, orders
+from novelty.report.sweep.orders import Orders, orders
 from novelty.report.sweep.runs import SweepRuns
 from novelty.report.sweep.studies import Study, studies
 
@@ -53,7 +51,7 @@ def write_sweep_plots(path: str | Path, runs: SweepRuns, other: SweepRuns | None
     _draw_shares(grid[-1][0], found, cut[0])
     _draw_paths(grid[-1][1], found, cut[0])
     _draw_costs(grid[-1][2], costs(runs, cut[0]))
-    _finish(figure, grid, cut[0])
+    _finish(figure)
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=200)
 
@@ -70,29 +68,23 @@ def _load_figure() -> Any:
 
 
 def _draw_effect(axes: Axes, study: Study, metric: str, dashed: bool = False) -> None:
-    numeric = study.axis is not None and study.axis.numeric
+    numbers = study.axis.values if study.axis is not None and study.axis.numeric else None
     for series, name in enumerate(study.series_names):
-        groups = [(place, study.at(series, place)) for place in range(len(study.axis_names))]
-        spreads = [(place, group.spreads[metric].interval) for place, group in groups if group is not None]
-        known = [(place, interval) for place, interval in spreads if not math.isnan(interval.mean)]
-        x = [study.axis.values[place] if numeric and study.axis else place for place, _ in known]
-        means = [interval.mean for _, interval in known]
-        style = {
-            "color": PALETTE[series % len(PALETTE)],
-            "linestyle": "--" if dashed else "-",
-            "linewidth": 1.2,
-        }
-        axes.plot(
-            x, means, marker="" if dashed else "o", markersize=2.5, label=None if dashed else name, **style
-        )
-        if not dashed:
-            ends = [[getattr(interval, end) for _, interval in known] for end in ("low", "high")]
-            axes.fill_between(x, *ends, color=style["color"], alpha=0.18, linewidth=0)
-    axes.set_xlabel(
-        "$K_{\\max}$" if study.key == "max_components" else study.axis.label if study.axis else ""
-    )
-    if not numeric:
+        scores = study.along(series, metric)
+        x = [place if numbers is None else numbers[place] for place, _ in scores]
+        means = [spread.interval.mean for _, spread in scores]
+        colour = PALETTE[series % len(PALETTE)]
+        if dashed:
+            axes.plot(x, means, color=colour, linestyle="--", linewidth=1.2)
+            continue
+        axes.plot(x, means, color=colour, linewidth=1.2, marker="o", markersize=2.5, label=name)
+        low, high = ([getattr(spread.interval, end) for _, spread in scores] for end in ("low", "high"))
+        axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
+    axes.set_xlabel("$K_{\\max}$" if study.key == "max_components" else study.axis_label)
+    if numbers is None:
         axes.set_xticks(range(len(study.axis_names)), study.axis_names, rotation=30, ha="right")
+    elif all(isinstance(number, int) for number in numbers):
+        axes.xaxis.get_major_locator().set_params(integer=True)
 
 
 def _draw_shares(axes: Axes, found: Orders, study: Study) -> None:
@@ -104,8 +96,7 @@ def _draw_shares(axes: Axes, found: Orders, study: Study) -> None:
 
 
 def _draw_paths(axes: Axes, found: Orders, study: Study) -> None:
-    lines: Mapping[str, Quartiles] = found.paths
-    for name, line in lines.items():
+    for name, line in found.paths.items():
         colour = _colour(study, name)
         axes.plot(line.x, line.middle.clip(1), color=colour, linewidth=1.2)
         axes.fill_between(
@@ -121,18 +112,19 @@ def _draw_costs(axes: Axes, spent: Costs) -> None:
         widths = [spent.seconds[name][stage] for name in names]
         axes.barh(names, widths, left=[ends[name] for name in names], color=colour, label=stage, height=0.7)
         ends = {name: ends[name] + width for name, width in zip(names, widths, strict=True)}
+    axes.set_yticks(range(len(names)), [name.replace("_", "\n") for name in names])
     axes.set_xlabel("seconds per run")
     axes.legend(fontsize=5, ncols=2, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0))
 
 
-def _finish(figure: Figure, grid: Sequence[Sequence[Axes]], study: Study) -> None:
-    for axes in (axes for row in grid for axes in row):
+def _finish(figure: Figure) -> None:
+    for axes in figure.axes:
         axes.tick_params(labelsize=6)
         axes.xaxis.label.set_fontsize(8)
         axes.yaxis.label.set_fontsize(8)
         axes.grid(linewidth=0.3, alpha=0.6)
         axes.spines[["top", "right"]].set_visible(False)
-    handles, names = grid[0][0].get_legend_handles_labels()
+    handles, names = figure.axes[0].get_legend_handles_labels()
     if len(names) > 1:
         figure.legend(
             handles, names, loc="outside upper center", ncols=min(len(names), 4), fontsize=7, frameon=False

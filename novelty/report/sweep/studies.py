@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from novelty.report.sweep.runs import Factor, SweepRuns
-from novelty.report.sweep.summary import METRICS, Group, summarise
+from novelty.report.sweep.summary import METRICS, Group, Spread, summarise
 
 MOST_SERIES = 8
 """Lines that a figure can hold and still be read."""
@@ -34,6 +34,11 @@ class Study:
         return self.axis.key if self.axis else "all"
 
     @property
+    def axis_label(self) -> str:
+        """What the axis is called; empty where nothing varies."""
+        return self.axis.label if self.axis else ""
+
+    @property
     def series_names(self) -> list[str]:
         """What the legend calls the lines."""
         return [self.series.text(k) for k in range(len(self.series.values))] if self.series else ["all runs"]
@@ -47,6 +52,12 @@ class Study:
         """The runs of one line at one value; None where there are none."""
         wanted = (*([series] if self.series else []), *([place] if self.axis else []))
         return next((group for group in self.groups if group.places == wanted), None)
+
+    def along(self, series: int, metric: str) -> list[tuple[int, Spread]]:
+        """The places on the axis at which one line has a score, and the score."""
+        groups = [(place, self.at(series, place)) for place in range(len(self.axis_names))]
+        spreads = [(place, group.spreads[metric]) for place, group in groups if group is not None]
+        return [(place, spread) for place, spread in spreads if spread.interval.count]
 
 
 def studies(runs: SweepRuns, columns: Sequence[str] = tuple(METRICS)) -> list[Study]:

@@ -52,7 +52,7 @@ def score_table(study: Study, metric: str) -> ScoreTable:
         (name, tuple(_score_cell(interval, highest) for interval in row))
         for name, row in zip(study.axis_names, means, strict=True)
     )
-    corner = study.axis.label if study.axis else ""
+    corner = study.axis_label
     return ScoreTable(metric, METRICS[metric], corner, tuple(study.series_names), rows)
 
 
