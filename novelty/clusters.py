@@ -7,19 +7,11 @@ from dataclasses import replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
+from novelty.contact import contact_groups
 from novelty.preprocess import PreparedScans
 from novelty.result import PointState
 from novelty.segment import Segment, SegmentedPoints
-
-REACH = 2.5
-"""Two cells touch when their centres are nearer than this many times the sum of their extents."""
-
-NEIGHBOURS = 12
-"""Nearest cells that a cell may touch; more would only cost time, contact being passed on."""
 
 
 def novel_clusters(scans: PreparedScans, novel: torch.Tensor) -> torch.Tensor:
@@ -67,13 +59,7 @@ def _groups(points: NDArray[np.float64], cells: NDArray[np.int64], least_extent:
     centres = _sums(cell, offsets) / count[:, None]
     variances = _sums(cell, (offsets - centres[cell]) ** 2).sum(axis=1) / count
     extents = np.maximum(np.sqrt(variances), least_extent)  # (C,)
-    neighbours = min(NEIGHBOURS + 1, len(count))
-    distances, others = cKDTree(centres).query(centres, k=[*range(1, neighbours + 1)])
-    touching = distances < REACH * (extents[:, None] + extents[others])
-    rows = np.broadcast_to(np.arange(len(count))[:, None], others.shape)[touching]
-    links = coo_array((np.ones(len(rows)), (rows, others[touching])), shape=(len(count), len(count)))
-    _, group_of_cell = connected_components(links, directed=False)
-    return _in_order_of_appearance(group_of_cell[cell])
+    return _in_order_of_appearance(contact_groups(centres, extents)[cell])
 
 
 def _sums(cell: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:

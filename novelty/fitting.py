@@ -27,11 +27,18 @@ class Fit:
         "paper, its centroid only.",
     )
     initializer: Literal["merged", "evenly_spaced", "random_points", "kmeans++"] = Field(
-        default="evenly_spaced",
-        description="Initial means; the paper takes points evenly spaced in scan order.",
+        default="merged",
+        description="Where components start: a fine partition of the scan joined by eq. 7 (merged), or, as in the "
+        "paper, points evenly spaced in scan order.",
     )
     n_init: int = Field(
         default=1, ge=1, description="Initialisations per scan; the one with the least MDL is kept."
+    )
+    unexplained_components: int = Field(
+        default=16,
+        ge=0,
+        description="Components beside K_max that each scan of a coupled or shared fit may have where the other scan "
+        "explains it worst, one for each place; 0: none.",
     )
     min_std: float | None = Field(
         default=None,

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from gmmtorch import GaussianMixtures, PointClouds
 from gmmtorch.components import Components
+from novelty.detectors.moments import packed_mixtures
 from novelty.detectors.quantiles import weighted_quantiles
-from novelty.detectors.shared_mixture import packed_mixtures
 from novelty.fitting import Models
 from novelty.preprocess.prepared import PreparedPairs
 

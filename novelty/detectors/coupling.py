@@ -11,7 +11,8 @@ import torch
 
 import gmmtorch
 from gmmtorch import FitResult, GaussianMixtures, PointClouds
-from novelty.detectors.shared_mixture import fit_united
+from novelty.detectors.moments import mixtures_of, moments_of
+from novelty.detectors.united import fit_united
 from novelty.fitting import Fit, FitPlan, Models, fitted_clouds
 from novelty.preprocess.prepared import PreparedPairs
 
@@ -30,10 +31,14 @@ def fit_coupled(batch: PreparedPairs, plan: FitPlan, max_iterations: int) -> Mod
 def _fit_coupled(batch: PreparedPairs, plan: FitPlan, max_iterations: int) -> Models:
     settings = plan.settings
     reference, current = (fitted_clouds(scans, settings) for scans in (batch.reference, batch.current))
-    common = fit_united(reference, current, plan).mixtures
+    united = fit_united(batch, plan)
+    starts = [
+        mixtures_of(moments_of(united.fit.mixtures, points), unexplained.groups)
+        for points, unexplained in zip(united.explained, (united.reference, united.current), strict=True)
+    ]
     return Models(
-        reference=_refined(reference, common, settings, max_iterations),
-        current=_refined(current, common, settings, max_iterations),
+        reference=_refined(reference, starts[0], settings, max_iterations),
+        current=_refined(current, starts[1], settings, max_iterations),
     )
 
 

@@ -33,7 +33,7 @@ class GreedyEmd(Detector):
         "on its own, as in the paper.",
     )
     coupled_iterations: int = Field(
-        default=5, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
+        default=1, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
     )
     ground_distance: GroundDistanceName = Field(
         default="hellinger",

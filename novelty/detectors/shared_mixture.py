@@ -8,7 +8,7 @@ lets the halves find their places. Where nothing changed the moments agree and n
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -17,29 +17,16 @@ import gmmtorch
 from gmmtorch import FitResult, GaussianMixtures, PointClouds, Status
 from gmmtorch.components import Components
 from gmmtorch.distances import hellinger_distance
+from novelty.detectors.moments import Moments, mixtures_of, moments_of, packed_mixtures
 from novelty.detectors.resolution import blurred, cell_resolution
+from novelty.detectors.united import fit_united, unite
 from novelty.fitting import FitPlan, Models, fitted_clouds
 from novelty.preprocess.prepared import PreparedPairs
 
-SPLIT_ITERATIONS = 10
-"""EM iterations over both scans after each round of splits."""
+ITERATIONS = 10
+"""EM iterations over both scans after new components have come in."""
 LEAST_POINTS = 10
 """Points that each scan must have in a component for its moments to be known: as many as a Gaussian has parameters."""
-
-
-@dataclass(frozen=True, eq=False)
-class Moments:
-    """What the cells of P scans are to the components of P mixtures.
-
-    Attributes:
-        counts: expected number of points (P, K).
-        means: (P, K, 3), m.
-        covariances: (P, K, 3, 3), m^2.
-    """
-
-    counts: Tensor
-    means: Tensor
-    covariances: Tensor
 
 
 def fit_shared(batch: PreparedPairs, plan: FitPlan, split_distance: float, max_splits: int) -> Models:
@@ -62,45 +49,26 @@ def fit_shared(batch: PreparedPairs, plan: FitPlan, split_distance: float, max_s
 def _fit_shared(batch: PreparedPairs, plan: FitPlan, split_distance: float, max_splits: int) -> Models:
     settings = plan.settings
     reference, current = (fitted_clouds(scans, settings) for scans in (batch.reference, batch.current))
-    fit, united = fit_united(reference, current, plan), unite(reference, current)
-    # Components in which the two scans differ, each split into one per scan.
-    mixtures, resolution = fit.mixtures, cell_resolution(batch)
-    for _ in range(max_splits):
-        start = _split(mixtures, reference, current, resolution, split_distance)
-        mixtures = gmmtorch.fit_em(
-            united,
+    both = unite(reference, current)
+    united = fit_united(batch, plan)
+
+    def improved(start: GaussianMixtures) -> GaussianMixtures:
+        return gmmtorch.fit_em(
+            both,
             initial=start,
             min_std=settings.min_std,
             covariance_floor=settings.covariance_floor,
-            max_iterations=SPLIT_ITERATIONS,
+            max_iterations=ITERATIONS,
         ).mixtures
-    fit = replace(fit, mixtures=mixtures)
+
+    # What both scans show, and what only one of them shows.
+    common = moments_of(united.fit.mixtures, united.explained[0] + united.explained[1])
+    mixtures = improved(mixtures_of(common, united.reference.groups, united.current.groups))
+    # Components in which the two scans differ, each split into one per scan.
+    for _ in range(max_splits):
+        mixtures = improved(_split(mixtures, reference, current, cell_resolution(batch), split_distance))
+    fit = replace(united.fit, mixtures=mixtures)
     return Models(reference=_share_of(reference, fit), current=_share_of(current, fit))
-
-
-def fit_united(reference: PointClouds, current: PointClouds, plan: FitPlan) -> FitResult:
-    """Fit one mixture to both scans of every pair together, its order chosen by MDL; P fits."""
-    settings = plan.settings
-    return plan.once(
-        "united",
-        lambda: gmmtorch.fit_mdl(
-            unite(reference, current),
-            max_components=plan.max_components,
-            initializer=settings.initializer,
-            n_init=settings.n_init,
-            min_std=settings.min_std,
-            covariance_floor=settings.covariance_floor,
-            seed=plan.seed,
-        ),
-    )
-
-
-def unite(reference: PointClouds, current: PointClouds) -> PointClouds:
-    """Both scans of every pair as one cloud, the reference's points first: P clouds."""
-    pairs = len(reference)
-    order = [row for pair in range(pairs) for row in (pair, pair + pairs)]
-    both = PointClouds.concatenate([reference, current]).select(order)
-    return PointClouds(both.points, both.weights, both.spreads, both.offsets[::2], both.dtype)
 
 
 def _split(
@@ -114,19 +82,8 @@ def _split(
     before, after = (_blurred_moments(mixtures, cells, resolution) for cells in (reference, current))
     known = (before.counts > LEAST_POINTS) & (after.counts > LEAST_POINTS) & mixtures.mask
     differ = known & (_hellinger(before, after) > split_distance)
-    total = (before.counts + after.counts).sum(1, keepdim=True).clamp_min(1)
-    parts = Components.create(
-        torch.cat(
-            [
-                torch.where(differ, 0.0, mixtures.weights),
-                *(torch.where(differ, m.counts / total, 0.0) for m in (before, after)),
-            ],
-            1,
-        ),
-        torch.cat([mixtures.means, before.means, after.means], 1),
-        torch.cat([mixtures.covariances, before.covariances, after.covariances], 1),
-    )
-    return packed_mixtures(parts)
+    total = before.counts.sum(1) + after.counts.sum(1)
+    return mixtures_of(moments_of(mixtures, total).only(~differ), before.only(differ), after.only(differ))
 
 
 def _blurred_moments(mixtures: GaussianMixtures, cells: PointClouds, resolution: Tensor) -> Moments:
@@ -177,9 +134,3 @@ def _share_of(cells: PointClouds, fit: FitResult) -> FitResult:
         status=torch.where(empty, int(Status.EMPTY), fit.status),
         num_iterations=fit.num_iterations,
     )
-
-
-def packed_mixtures(components: Components) -> GaussianMixtures:
-    """The components that are present, in order."""
-    packed = components.compact(components.weights.shape[1])
-    return GaussianMixtures(packed.weights, packed.means, packed.covariances, packed.num_components).trim()

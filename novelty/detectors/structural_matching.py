@@ -38,7 +38,7 @@ class StructuralMatching(Detector):
         "on its own, as in the paper.",
     )
     coupled_iterations: int = Field(
-        default=5, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
+        default=1, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
     )
     scale: Literal["component", "metre"] = Field(
         default="component",

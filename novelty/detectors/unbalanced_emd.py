@@ -41,7 +41,7 @@ class UnbalancedEmd(Detector):
         description="Whether both scans use the components of one mixture, start from one, or are fitted on their own.",
     )
     coupled_iterations: int = Field(
-        default=5, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
+        default=1, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
     )
     split_distance: float = Field(
         default=0.3,
