@@ -28,7 +28,7 @@ Array = np.ndarray
 
 _BLOCK = 128  # divides the tile; the logits of a block stay in the first-level cache
 _FLOOR = -60.0
-_SPLIT_ABOVE = 1 << 19  # points times components: below, a second thread costs more than it saves
+_SPLIT_ABOVE = 1 << 17  # points times components: below, a second thread costs more than it saves
 _FAST = {
     "reassoc",
     "contract",
@@ -330,7 +330,7 @@ def moments_of_tiles(
         cuts = [i * num_tiles // threads for i in range(threads + 1)]
         shares = [
             _pool(threads).submit(run, first, last, *arrays, moments, values)
-            for first, last in itertools.pairwise(cuts)
+            for first, last in itertools.pairwise(cuts[1:])
         ]
         run(0, cuts[1], *arrays, moments, values)
         for share in shares:

@@ -13,7 +13,7 @@ from typing import Literal
 
 import torch
 from pydantic import Field
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from novelty.preprocess import PreparedScans
 from novelty.refinement.surface import own_quantile, surface_distances
@@ -82,7 +82,7 @@ def _threshold(scans: PreparedScans, resolution: torch.Tensor, settings: Refine)
     The quantile of chi-squared for Gaussian noise, or the scan's own where its surfaces are rougher than that.
     """
     own = own_quantile(scans.points, scans.cell_of_point, resolution, 1 - settings.false_alarm)
-    return own.nan_to_num(0.0).clamp_min(float(chi2.isf(settings.false_alarm, df=3)))
+    return own.nan_to_num(0.0).clamp_min(float(chdtri(3, settings.false_alarm)))
 
 
 def _share_off(off: torch.Tensor, segmented: SegmentedPoints, scans: PreparedScans) -> torch.Tensor:

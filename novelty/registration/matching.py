@@ -87,7 +87,7 @@ class Matcher:
             if tree is None:
                 found.append(torch.full((len(queries),), -1))
             else:
-                found.append(torch.from_numpy(tree.query(queries.numpy())[1] + start))
+                found.append(torch.from_numpy(tree.query(queries.numpy(), workers=-1)[1] + start))
         return torch.cat(found).long()
 
     def within_reach(self, matches: Matches, across: torch.Tensor) -> torch.Tensor:

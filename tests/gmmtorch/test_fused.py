@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from gmmtorch import PointClouds, fit_em, statistics
+from gmmtorch import PointClouds, fit_em, fused, statistics
 from gmmtorch.em import EMState, em_step
 from gmmtorch.problem import initial_components, prepare
 from tests.helpers import blobs, room
@@ -81,3 +81,19 @@ def test_weights_too_small_for_float32_are_no_end_of_the_cloud():
     result = fit_em(PointClouds.from_list([points], [weights.numpy()], dtype=torch.float32), 4)
     assert float(result.mixtures.weights.sum()) == pytest.approx(1.0)
     assert torch.isfinite(result.log_likelihood).all()
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_every_tile_is_passed_once(monkeypatch, threads):
+    work, components = fitted([room(3000)], torch.float64)
+    shares = []
+    monkeypatch.setattr(fused, "_run", lambda first, last, *_: shares.append((first, last)))
+    monkeypatch.setattr(fused, "_SPLIT_ABOVE", 0)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: threads)
+    fused._pool.cache_clear()
+    statistics.expectation(work.tiles, components, work.floor)
+    fused._pool.cache_clear()
+    assert [g for first, last in sorted(shares) for g in range(first, last)] == list(
+        range(len(work.tiles.owner))
+    )
+    assert len(shares) == threads
