@@ -21,7 +21,9 @@ from novelty.cli.detect import detect
 from novelty.cli.doctor import doctor
 from novelty.cli.evaluate import evaluate
 from novelty.cli.fit import fit
+from novelty.cli.report import report
 from novelty.cli.simulate import simulate
+from novelty.cli.sweep import sweep
 from novelty.cli.terminal import complain
 from novelty.cli.update import update
 from novelty.errors import NoveltyError
@@ -38,7 +40,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (detect, fit, update, evaluate, calibrate, demo, simulate, doctor):
+for command in (detect, fit, update, evaluate, calibrate, demo, simulate, sweep, report, doctor):
     app.command()(command)
 
 
