@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from novelty.evaluation import METRICS, LabelledScores
+from novelty.preprocess.units import metres_per
 from novelty.result import Change, NoveltyResult, ObjectRecord, PointState
 from novelty.scan import ScanPair
 
@@ -66,9 +67,9 @@ def object_table(result: NoveltyResult, unit: str) -> Table:
     rows = []
     for record in objects:
         cells = (
-            by_edges(record.extent),
-            as_point(record.centroid),
-            _way(record, result.removed.objects),
+            by_edges(record.extent, unit),
+            as_point(record.centroid, unit),
+            _way(record, result.removed.objects, unit),
             thousands(record.num_points),
             number(record.score),
             number(record.p_value),
@@ -80,14 +81,14 @@ def object_table(result: NoveltyResult, unit: str) -> Table:
     return Table((Column("object", numeric=False), *columns), tuple(rows))
 
 
-def _way(record: ObjectRecord, others: Sequence[ObjectRecord]) -> str:
+def _way(record: ObjectRecord, others: Sequence[ObjectRecord], unit: str) -> str:
     """How far a moved object's middle went, and by how much it was turned."""
     if record.motion is None:
         return ""
     turn, shift = record.motion[:3, :3], record.motion[:3, 3]
     before = others[record.counterpart].centroid
     angle = math.degrees(math.acos(min(1.0, max(-1.0, (np.trace(turn) - 1) / 2))))
-    return f"{_length(float(np.linalg.norm(turn @ before + shift - before)))}, {angle:.0f}°"
+    return f"{_length(float(np.linalg.norm(turn @ before + shift - before)), unit)}, {angle:.0f}°"
 
 
 def component_table(change: Change, unit: str) -> Table:
@@ -108,8 +109,8 @@ def component_table(change: Change, unit: str) -> Table:
                 f"{record.index}{' · novel' if record.novel else ''}",
                 f"{record.weight:.3f}",
                 thousands(record.num_points),
-                as_point(record.mean),
-                by_edges(np.sqrt(np.maximum(np.linalg.eigvalsh(record.covariance)[::-1], 0))),
+                as_point(record.mean, unit),
+                by_edges(np.sqrt(np.maximum(np.linalg.eigvalsh(record.covariance)[::-1], 0)), unit),
                 number(record.score),
                 record.reason,
             ),
@@ -176,15 +177,21 @@ def thousands(value: int) -> str:
     return f"{value:,}".replace(",", " ")
 
 
-def by_edges(lengths: NDArray[np.float64]) -> str:
+def by_edges(lengths: NDArray[np.float64], unit: str) -> str:
     """Three lengths: 0.45 × 0.40 × 0.02."""
-    return " × ".join(_length(value) for value in lengths)
+    return " × ".join(_length(value, unit) for value in lengths)
 
 
-def as_point(position: NDArray[np.float64]) -> str:
-    """Three coordinates: 1.20, -0.35, 0.80."""
-    return ", ".join(f"{value:.2f}" for value in position)
+def as_point(position: NDArray[np.float64], unit: str) -> str:
+    """Three coordinates, to the centimetre: 1.20, -0.35, 0.80."""
+    return ", ".join(f"{value:.{_decimals(unit)}f}" for value in position)
 
 
-def _length(value: float) -> str:
-    return f"{value:.2f}" if value >= 0.1 or value == 0 else f"{value:.3f}"
+def _length(value: float, unit: str) -> str:
+    decimals = _decimals(unit)
+    return f"{value:.{decimals}f}" if value == 0 or value >= 10 ** (1 - decimals) else f"{value:.{decimals + 1}f}"
+
+
+def _decimals(unit: str) -> int:
+    """Decimals that tell centimetres, or less, apart."""
+    return max(0, 2 + round(math.log10(metres_per(unit))))

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from novelty.errors import InputError
 from novelty.io import write_text
 from novelty.report.sweep.comparison import COLUMNS, compare
 from novelty.report.sweep.runs import SweepRuns
@@ -26,9 +27,13 @@ def write_sweep_latex(path: str | Path, runs: SweepRuns, other: SweepRuns | None
     r"""Write one table per factor and score, and of two sweeps their paired differences; needs `\usepackage{booktabs}`.
 
     Raises:
-        InputError: The sweeps have no run in common, or the file cannot be written.
+        InputError: No run has scores, the sweeps have no run in common, or the file cannot be written.
     """
-    cut = studies(runs)
+    cut = [study for study in studies(runs) if study.scored]
+    if not cut:
+        raise InputError(
+            f"{runs.root}: no run has scores, so there are no tables; its pairs had no ground truth."
+        )
     tables = ["% needs \\usepackage{booktabs}"]
     tables += [_scores(score_table(study, metric), study) for study in cut for metric in METRICS]
     if other is not None:

@@ -68,7 +68,7 @@ class SweepAnalysis:
     @property
     def scored(self) -> bool:
         """Whether there was a ground truth."""
-        return bool(self.ends)
+        return any(study.scored for study in self.studies)
 
 
 def write_sweep_page(
@@ -114,6 +114,7 @@ def _figures(analysis: SweepAnalysis, others: Sequence[Study]) -> dict[str, Any]
             metric: figures.effect_figure(study, metric, of_other.get(study.key)) for metric in METRICS
         }
         for study in analysis.studies
+        if study.scored
     }
     plots = {
         "chosen": figures.orders_figure(analysis.orders, first),
@@ -122,7 +123,7 @@ def _figures(analysis: SweepAnalysis, others: Sequence[Study]) -> dict[str, Any]
         "costs": figures.costs_figure(analysis.costs),
     }
     return {
-        "effects": effects if analysis.scored else {},
+        "effects": effects,
         "plots": {name: figure for name, figure in plots.items() if figure},
     }
 
@@ -141,7 +142,7 @@ def _page(
         "facts": _facts(analysis),
         "answer": _answer(analysis),
         "metrics": METRICS,
-        "studies": [_study(study) for study in analysis.studies] if analysis.scored else [],
+        "studies": [_study(study) for study in analysis.studies if study.scored],
         "comparison": _comparison(comparison, runs, other) if comparison and other is not None else None,
         "orders": analysis.orders,
         "costs": cost_table(analysis.costs),

@@ -38,10 +38,11 @@ def write_sweep_plots(path: str | Path, runs: SweepRuns, other: SweepRuns | None
     """
     figure_class = _load_figure()
     cut = studies(runs)
+    scored = [study for study in cut if study.scored]
     of_other = {study.key: study for study in studies(other)} if other is not None else {}
-    figure: Figure = figure_class(figsize=(WIDTH, ROW_HEIGHT * (len(cut) + 1)), layout="constrained")
-    grid = figure.subplots(len(cut) + 1, 3, squeeze=False)
-    for row, study in zip(grid, cut, strict=False):
+    figure: Figure = figure_class(figsize=(WIDTH, ROW_HEIGHT * (len(scored) + 1)), layout="constrained")
+    grid = figure.subplots(len(scored) + 1, 3, squeeze=False)
+    for row, study in zip(grid, scored, strict=False):
         for axes, (metric, symbol) in zip(row, METRICS.items(), strict=True):
             _draw_effect(axes, study, metric)
             if study.key in of_other:
@@ -84,7 +85,7 @@ def _draw_effect(axes: Axes, study: Study, metric: str, dashed: bool = False) ->
     if numbers is None:
         axes.set_xticks(range(len(study.axis_names)), study.axis_names, rotation=30, ha="right")
     elif all(isinstance(number, int) for number in numbers):
-        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.locator_params(axis="x", integer=True)
 
 
 def _draw_shares(axes: Axes, found: Orders, study: Study) -> None:

@@ -34,6 +34,11 @@ class Study:
         return self.axis.key if self.axis else "all"
 
     @property
+    def scored(self) -> bool:
+        """Whether there is a score at all, that is a ground truth."""
+        return any(spread.interval.count for group in self.groups for spread in group.spreads.values())
+
+    @property
     def axis_label(self) -> str:
         """What the axis is called; empty where nothing varies."""
         return self.axis.label if self.axis else ""

@@ -18,7 +18,9 @@ DETECTORS = ("greedy_emd", "joint_mixture", "likelihood", "structural_matching")
 SKILL = dict(zip(DETECTORS, (0.62, 0.93, 0.9, 0.71), strict=True))
 START = datetime(2026, 3, 1, 9, 0, tzinfo=UTC)
 SHARE_OF_TIME = dict(zip(STAGES, (0.05, 0.4, 0.05, 0.35, 0.05, 0.05, 0.05), strict=True))
-OUT_OF_POINTS = "pairs.csv, line 7: scan_7.pcd: the file is cut short: its header announces 100 points, 7 follow."
+OUT_OF_POINTS = (
+    "pairs.csv, line 7: scan_7.pcd: the file is cut short: its header announces 100 points, 7 follow."
+)
 
 
 def make_sweep(
@@ -81,7 +83,9 @@ def make_sweep(
         rows.append(row)
     for start in range(0, len(rows), shard):
         store.write(rows[start : start + shard])
-    folder.sweep_file.write_text("name: kmax\ndata:\n  corridor: {simulate: corridor}\ngrid:\n  max_components: [8, 12, 20]\n")
+    folder.sweep_file.write_text(
+        "name: kmax\ndata:\n  corridor: {simulate: corridor}\ngrid:\n  max_components: [8, 12, 20]\n"
+    )
     return rows
 
 
@@ -103,7 +107,9 @@ def _row(rng, place, pair, detector, most, repetition, condition, axes, shift):
         "repetition": repetition,
         "axes": json.dumps({"max_components": most, "detector": detector} | axes),
         "status": "noted" if place % 17 == 0 else "ok",
-        "message": "reference scan: EM ran out of iterations; raise fit.max_iterations" if place % 17 == 0 else "",
+        "message": "reference scan: EM ran out of iterations; raise fit.max_iterations"
+        if place % 17 == 0
+        else "",
         "changed": True,
         "p_value": 0.01,
         "seconds": sum(seconds.values()),
@@ -140,8 +146,29 @@ def _row(rng, place, pair, detector, most, repetition, condition, axes, shift):
 
 
 def _failed(row):
-    kept = ("key", "data", "pair", "inputs", "condition", "detector", "max_components", "seed", "repetition", "axes")
-    kept += ("configuration", "attempt", "code", "versions", "machine", "worker", "started", "finished", "batch")
+    kept = (
+        "key",
+        "data",
+        "pair",
+        "inputs",
+        "condition",
+        "detector",
+        "max_components",
+        "seed",
+        "repetition",
+        "axes",
+    )
+    kept += (
+        "configuration",
+        "attempt",
+        "code",
+        "versions",
+        "machine",
+        "worker",
+        "started",
+        "finished",
+        "batch",
+    )
     return {key: row[key] for key in kept} | {"status": "failed", "message": OUT_OF_POINTS}
 
 
@@ -168,4 +195,3 @@ def _keep(folder, row, number):
     for file, content in ((scans, arrays), (folder.result_file(row["key"]), kept)):
         file.parent.mkdir(parents=True, exist_ok=True)
         np.savez_compressed(file, **content)
-
