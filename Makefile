@@ -5,13 +5,14 @@ BIN := $(VENV)/bin
 OPEN3D_LIBRARIES := libGL.so.1 libEGL.so.1 libX11.so.6 libusb-1.0.so.0 libudev.so.1 libidn2.so.0 libgomp.so.1
 OPEN3D_PACKAGES := libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1
 
-.PHONY: help setup system-libraries demo test test-all test-more lint format bench bench-engine bench-accuracy clean
+.PHONY: help setup system-libraries demo test test-all test-more lint format paper paper-fast bench bench-engine bench-accuracy clean
 
 help:
 	@echo "make demo       set up, simulate two scans of a corridor, find what changed, write the report"
 	@echo "make test       set up, run the tests (about 3 minutes)"
 	@echo "make test-all   the slow tests and those on real scans (NOVELTY_DATA) as well"
 	@echo "make lint       ruff (lint and format) and mypy"
+	@echo "make paper      the paper's experiments in our numbers, one page (make paper-fast: a small part of them)"
 	@echo "make bench      the benchmarks (pytest-benchmark)"
 	@echo "make bench-engine    the engine beside oneDAL, scikit-learn and gmcluster, in one table"
 	@echo "make bench-accuracy  how well changes are found, in seven tables (ARGS='--table mosd --seeds 2' for a part)"
@@ -55,6 +56,14 @@ format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+paper: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[figures]'
+	$(BIN)/novelty paper --out paper-output
+
+paper-fast: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[figures]'
+	$(BIN)/novelty paper --fast --out paper-output
+
 bench: setup
 	$(BIN)/python -m pytest benchmarks -o python_files="bench_*.py" -m "" --benchmark-only --benchmark-columns=median,iqr,rounds $(ARGS)
 
@@ -66,4 +75,4 @@ bench-accuracy: setup
 	$(BIN)/python -m benchmarks.accuracy $(ARGS)
 
 clean:
-	rm -rf $(VENV) demo-output accuracy-output .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo-output paper-output accuracy-output .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -11,6 +11,7 @@ PAPER: dict[str, Any] = {
     "fit.moments": "centroid",
     "fit.initializer": "evenly_spaced",
     "fit.n_init": 1,
+    "fit.unexplained_components": 0,
     "fit.covariance_floor": "paper",
     # Section 2.4.1: every scan is fitted on its own, components are compared by their means.
     "greedy_emd.fits": "independent",

@@ -19,8 +19,8 @@ class FuzzyPartition(MixtureBaseline):
 
     validity: Literal["hypervolume", "average_density", "density", "none"] = Field(
         default="density",
-        description="What chooses the number of clusters: the greatest partition density (density) or its average over the "
-        "clusters, the least fuzzy hypervolume; none: always as many as allowed.",
+        description="What chooses the number of clusters: the greatest partition density (density) or its average over "
+        "the clusters, the least fuzzy hypervolume; none: always as many as allowed.",
     )
     max_clusters: int = Field(default=9, ge=1, description="Most clusters of a scan; the paper tries 1 to 9.")
     tolerance: float = Field(

@@ -21,6 +21,7 @@ from novelty.cli.detect import detect
 from novelty.cli.doctor import doctor
 from novelty.cli.evaluate import evaluate
 from novelty.cli.fit import fit
+from novelty.cli.paper import paper
 from novelty.cli.report import report
 from novelty.cli.simulate import simulate
 from novelty.cli.sweep import sweep
@@ -40,7 +41,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (detect, fit, update, evaluate, calibrate, demo, simulate, sweep, report, doctor):
+for command in (detect, fit, update, evaluate, calibrate, demo, simulate, sweep, report, paper, doctor):
     app.command()(command)
 
 

@@ -18,7 +18,7 @@ from novelty.report.views import ADDED, SIGMAS
 WIDTH, DPI = 4.6, 110
 """Of a picture: inches, dots per inch."""
 
-GREY, DARK = "#9aa3ad", "#3b4754"
+GREY, DARK = "#7d8894", "#3b4754"
 CLUSTERS = (
     "#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bbbbbb", "#e8915b", "#5d4a9e", "#8fbf6f",
     "#994455", "#6699cc", "#997700", "#004488", "#ee99aa", "#44aa99", "#ddcc77", "#882255", "#117733", "#cc6677",
@@ -68,7 +68,7 @@ class Picture:
         self._axes.set_aspect("equal")
         self._axes.axis("off")
 
-    def points(self, points: NDArray[np.float64], colour: Any, size: float = 0.7, every: int = 1) -> Picture:
+    def points(self, points: NDArray[np.float64], colour: Any, size: float = 1.6, every: int = 1) -> Picture:
         """Points (N, 3) in one colour, or a colour each (N,)."""
         shown = self.view.below(points)
         places = self.view.project(points[shown])[::every]

@@ -173,16 +173,16 @@ def _step_panels(example: Example) -> tuple[Panel, ...]:
     view, every = View.from_corner(points), _every(points)
     count = int(example.mixture.num_components[0])
     novel = [k for k in range(count) if bool(example.novel[k])]
-    scan = Picture(view).points(points[~changed], GREY, every=every).points(points[changed], ADDED, size=2)
+    scan = Picture(view).points(points[~changed], GREY, every=every).points(points[changed], ADDED, size=3)
     colours = {k: ADDED if k in novel else CLUSTERS[k % len(CLUSTERS)] for k in range(count)}
     mixture = (
-        Picture(view).points(points, "#c3c9d0", size=0.4, every=every).ellipses(example.mixture, colours)
+        Picture(view).points(points, "#aab2bb", size=0.9, every=every).ellipses(example.mixture, colours)
     )
     called = example.labels
     found = (
         Picture(view)
-        .points(points[~called], "#d2d7dc", size=0.4, every=every)
-        .points(points[called], ADDED, size=1.2)
+        .points(points[~called], "#b9c0c8", size=0.9, every=every)
+        .points(points[called], ADDED, size=2.4)
     )
     found.ellipses(example.mixture, dict.fromkeys(novel, ADDED), filled=False)
     what = example.member.case.name

@@ -35,20 +35,63 @@ PRINTED = (EMD, STRUCTURAL)
 """The paper's methods with its own choices throughout (`--preset paper`)."""
 
 
+def _step(detector: str, **settings: str) -> Config:
+    return _paper(detector).replace(**{f"{detector}.{key}": value for key, value in settings.items()})
+
+
+SHAPES = {
+    "greedy_emd": {"ground_distance": "hellinger", "resolution_floor": "cell"},
+    "structural_matching": {"scale": "component", "resolution_floor": "cell"},
+}
+"""Distances between components that know their shapes and the resolution of the scan."""
+
+STEPS = (
+    Method("emd_common", "EMD, + common mixture", _step("greedy_emd", fits="coupled"), "printed, common"),
+    Method(
+        "emd_shapes", "EMD, + distances of shapes", _step("greedy_emd", **SHAPES["greedy_emd"]), "printed"
+    ),
+    Method(
+        "emd_both",
+        "EMD, + both",
+        _step("greedy_emd", fits="coupled", **SHAPES["greedy_emd"]),
+        "printed, common",
+    ),
+    Method(
+        "structural_common",
+        "Str. matching, + common mixture",
+        _step("structural_matching", fits="coupled"),
+        "printed, common",
+    ),
+    Method(
+        "structural_shapes",
+        "Str. matching, + distances of shapes",
+        _step("structural_matching", **SHAPES["structural_matching"]),
+        "printed",
+    ),
+    Method(
+        "structural_both",
+        "Str. matching, + both",
+        _step("structural_matching", fits="coupled", **SHAPES["structural_matching"]),
+        "printed, common",
+    ),
+)
+"""The printed methods with one choice changed, and with both."""
+
+
 def _alone(detector: str) -> Config:
     settings = {"refine.method": "none", "visibility.method": "none"}
     return Config(detector=detector).replace(**settings)
 
 
 ALONE = (
-    Method("emd_alone", "EMD, common mixture", _alone("greedy_emd"), "coupled"),
-    Method("structural_alone", "Str. matching, common mixture", _alone("structural_matching"), "coupled"),
+    Method("emd_alone", "EMD, ours unrefined", _alone("greedy_emd"), "coupled"),
+    Method("structural_alone", "Str. matching, ours unrefined", _alone("structural_matching"), "coupled"),
 )
-"""The same two on mixtures that start from one common mixture, with distances that know shapes, and nothing after."""
+"""Both with our mixtures and distances, on registered scans; every point follows its component."""
 
 OURS = (
-    Method("emd", "EMD, our defaults", Config(detector="greedy_emd"), "coupled"),
-    Method("structural", "Str. matching, our defaults", Config(detector="structural_matching"), "coupled"),
+    Method("emd", "EMD, ours", Config(detector="greedy_emd"), "coupled"),
+    Method("structural", "Str. matching, ours", Config(detector="structural_matching"), "coupled"),
     Method(Config().detector, f"{Config().detector}, the default", Config()),
 )
 """The same two and the default detector as `novelty detect` runs them: refined, and judged by visibility."""

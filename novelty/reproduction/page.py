@@ -42,6 +42,7 @@ def write_page(path: Path, reproduction: Reproduction, extent: Extent, command: 
         "findings": reproduction.findings,
         "verdicts": _verdicts(reproduction),
         "table_2": [(name, tables.table_2(outcome.rows, name)) for name in (printed.COMPLETE, printed.AREA)],
+        "steps": tables.step_table(outcome.rows),
         "static": tables.case_table(outcome.rows, "static_platform"),
         "removal": tables.case_table(outcome.rows, "removal"),
         "corridor": tables.case_table(outcome.rows, "ideal_corridor"),

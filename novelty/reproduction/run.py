@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from novelty.reproduction.findings import Finding, find
-from novelty.reproduction.methods import ALONE, CLUSTERINGS, OURS, POINTWISE, PRINTED
+from novelty.reproduction.methods import ALONE, CLUSTERINGS, OURS, POINTWISE, PRINTED, STEPS
 from novelty.reproduction.rows import write_rows
 from novelty.reproduction.scoring import Outcome, run_experiment
 from novelty.reproduction.segmentation import Segmentations, run_segmentation
@@ -62,7 +62,7 @@ def reproduce(extent: Extent = FULL, say: Callable[[str], None] = lambda _: None
         say: Is told what is done next.
     """
     outcome, seconds = Outcome(), {}
-    everything = (*PRINTED, *ALONE, *OURS)
+    everything = (*PRINTED, *STEPS, *ALONE, *OURS)
     few = {"repetitions": extent.repetitions, "tested": PRINTED}
     steps: dict[str, Callable[[], object]] = {
         "simplification": lambda: run_simplification(outcome, extent.repetitions),

@@ -10,13 +10,23 @@ from novelty.evaluation import Agreement, Interval
 from novelty.report.tables import Column, Table
 from novelty.report.tables import Row as Line
 from novelty.reproduction import printed
-from novelty.reproduction.methods import ALONE, CLUSTERINGS, OURS, POINTWISE, PRINTED, Method
+from novelty.reproduction.methods import ALONE, CLUSTERINGS, OURS, POINTWISE, PRINTED, STEPS, Method
 from novelty.reproduction.rows import STAGES, Row, grouped, interval, matching
 from novelty.reproduction.scoring import MethodTest
 from novelty.reproduction.segmentation import TITLES, SegmentationRow
 
-METHODS = {method.key: method for method in (*PRINTED, *ALONE, *OURS, *CLUSTERINGS, *POINTWISE)}
+METHODS = {method.key: method for method in (*PRINTED, *STEPS, *ALONE, *OURS, *CLUSTERINGS, *POINTWISE)}
 """Every method by its key."""
+
+_STEPS = {method.key for method in STEPS}
+
+GROUPS = {
+    "mobile, complete": ("mobile_platform", printed.COMPLETE),
+    "mobile, up to 1.5 m": ("mobile_platform", printed.AREA),
+    "static": ("static_platform", "K_max 20"),
+    "removal": ("removal", "K_max 20"),
+}
+"""The experiments over which steps from the printed methods to ours are followed."""
 
 
 def table_2(rows: Sequence[Row], analysis: str) -> Table:
@@ -31,7 +41,11 @@ def table_2(rows: Sequence[Row], analysis: str) -> Table:
         Column("attainable κ"),
         Column("printed V, U, κ"),
     )
-    own = matching(rows, experiment="mobile_platform", analysis=analysis)
+    own = [
+        row
+        for row in matching(rows, experiment="mobile_platform", analysis=analysis)
+        if row.method not in _STEPS
+    ]
     lines = [
         _table_2_line(case, METHODS[key], part)
         for (case, key), part in grouped(own, lambda row: (row.case, row.method)).items()
@@ -59,7 +73,7 @@ def _table_2_line(case: str, method: Method, rows: Sequence[Row]) -> Line:
 
 def case_table(rows: Sequence[Row], experiment: str) -> Table:
     """Kappa of every method on every case of an experiment, and what its components could attain."""
-    own = matching(rows, experiment=experiment)
+    own = [row for row in matching(rows, experiment=experiment) if row.method not in _STEPS]
     cases = list(dict.fromkeys(row.case for row in own))
     columns = (
         Column("method", numeric=False),
@@ -76,6 +90,22 @@ def case_table(rows: Sequence[Row], experiment: str) -> Table:
                 (METHODS[key].title, *spans, attainable, f"{statistics.median(r.seconds for r in part):.2f}")
             )
         )
+    return Table(columns, tuple(lines))
+
+
+def step_table(rows: Sequence[Row]) -> Table:
+    """From the printed methods to ours: mean kappa over all cases of every experiment, and what was attainable."""
+    columns = (Column("method", numeric=False), *(Column(f"{name}: κ (attainable)") for name in GROUPS))
+    lines = []
+    for family in ("emd", "structural"):
+        keys = [f"{family}_{step}" for step in ("paper", "common", "shapes", "both", "alone")] + [family]
+        for key in keys:
+            part = matching(rows, method=key)
+            groups = [
+                matching(part, experiment=name, analysis=analysis) for name, analysis in GROUPS.values()
+            ]
+            cells = [f"{interval(g).mean:.2f} ({interval(g, 'attainable').mean:.2f})" for g in groups]
+            lines.append(Line((METHODS[key].title, *cells), "printed" if METHODS[key] in PRINTED else ""))
     return Table(columns, tuple(lines))
 
 
@@ -111,7 +141,7 @@ def segmentation_table(segmentations: Sequence[SegmentationRow]) -> Table:
     columns = (
         Column("segmentation", numeric=False),
         Column("clusters"),
-        *(Column(f"{case}: attainable κ") for case in cases),
+        *(Column(f"κ, {case}") for case in cases),
         Column("s per scan"),
         Column("printed"),
     )
