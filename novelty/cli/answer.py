@@ -43,7 +43,10 @@ def _as_rich(table: ReportTable, leave_out: tuple[str, ...]) -> Table:
     shown = plain_table()
     for place in kept:
         column = table.columns[place]
-        shown.add_column(escape(column.name), justify="right" if column.numeric else "left", no_wrap=True)
+        wraps = column.name.startswith("centroid")  # map coordinates are long
+        shown.add_column(
+            escape(column.name), justify="right" if column.numeric else "left", no_wrap=not wraps
+        )
     for row in table.rows[:MAX_ROWS]:
         shown.add_row(*(escape(row.cells[place]) for place in kept))
     if len(table.rows) > MAX_ROWS:

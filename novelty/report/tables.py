@@ -189,7 +189,11 @@ def as_point(position: NDArray[np.float64], unit: str) -> str:
 
 def _length(value: float, unit: str) -> str:
     decimals = _decimals(unit)
-    return f"{value:.{decimals}f}" if value == 0 or value >= 10 ** (1 - decimals) else f"{value:.{decimals + 1}f}"
+    return (
+        f"{value:.{decimals}f}"
+        if value == 0 or value >= 10 ** (1 - decimals)
+        else f"{value:.{decimals + 1}f}"
+    )
 
 
 def _decimals(unit: str) -> int:

@@ -103,10 +103,10 @@ def blind_notes(reference: PreparedScans, current: PreparedScans) -> list[tuple[
         if not roles:
             notes.append(())
             continue
-        whose = " and ".join(roles)
+        whose = f"the {roles[0]} scan has" if len(roles) == 1 else "both scans have"
         notes.append(
             (
-                f"visibility: the {whose} scan has no single sensor origin, so what it could not see may be called "
+                f"visibility: {whose} no single sensor origin, so what was never seen may be called "
                 f"novel; give the sensor's position to tell hidden from new.",
             )
         )
