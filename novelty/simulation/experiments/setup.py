@@ -91,9 +91,9 @@ def validated(kind: type[T], keys: Any, where: str) -> T:
         return TypeAdapter(kind).validate_python(keys)
     except ValidationError as error:
         unknown = [item for item in error.errors() if item["type"] == "unexpected_keyword_argument"]
-        first = (unknown or error.errors())[0]
         if unknown:
-            raise ConfigError(f"{where}: there is no key {first['loc'][-1]!r}.") from None
+            raise ConfigError(f"{where}: there is no key {unknown[0]['loc'][-1]!r}.") from None
+        first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         message = first["msg"].removeprefix("Value error, ")
         raise ConfigError(f"{where}: {key}: {message} (got {first['input']!r}).") from None
