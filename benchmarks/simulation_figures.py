@@ -27,6 +27,8 @@ from novelty.simulation.shapes import box, sphere
 
 COLOURS = {UNCHANGED: "#8d99ae", CHANGED: "#d90429", SEEN_ONCE: "#4895ef", AMBIGUOUS: "#111111"}
 
+MEANINGS = ("unchanged", "changed", "seen in one scan only", "not scored (glass, mixed pixels)")
+
 
 @dataclass(frozen=True)
 class Sheet:
@@ -135,15 +137,18 @@ def _write_platforms(path: Path) -> None:
     """Seen from above at a slant without the ceiling; the last panel looks along the push-broom's doubled ceiling."""
     from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(2, 4, figsize=(22, 11))
+    figure, axes = plt.subplots(2, 4, figsize=(18, 8.5))
     panels = axes.ravel()
     for axis, (title, pair) in zip(panels, _platform_scans().items(), strict=False):
         scan = pair.scans.current
         below = scan.points[:, 2] < 2.3
-        _draw(axis, _slanted(scan.points[below]), scan.labels[below], f"{title}: {scan.num_points} points")
+        _draw(axis, _slanted(scan.points[below]), scan.labels[below], f"{title}\n{scan.num_points} points")
         if "push-broom" in title:
             lines = (scan.points[:, 0] > 4) & (scan.points[:, 0] < 7)
             _draw(panels[6], scan.points[lines][:, [1, 2]], scan.labels[lines], "push-broom, along the hall")
+    for colour, meaning in zip(COLOURS.values(), MEANINGS, strict=True):
+        panels[7].scatter([], [], c=colour, label=meaning)
+    panels[7].legend(loc="center", frameon=False)
     panels[7].set_axis_off()
     figure.tight_layout()
     figure.savefig(path, dpi=70)
@@ -162,6 +167,6 @@ def _slanted(points: np.ndarray) -> np.ndarray:
 def _draw(axis: Any, places: np.ndarray, labels: np.ndarray, title: str) -> None:
     for label, colour in COLOURS.items():
         chosen = places[labels == label]
-        axis.scatter(chosen[:, 0], chosen[:, 1], s=0.5 if label == UNCHANGED else 1.5, c=colour, lw=0)
+        axis.scatter(chosen[:, 0], chosen[:, 1], s=0.4 if label == UNCHANGED else 2.0, c=colour, lw=0)
     axis.set(title=title, aspect="equal")
     axis.set_axis_off()

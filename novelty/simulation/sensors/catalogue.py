@@ -1,7 +1,9 @@
 """The sensors by name.
 
-Figures come from the data sheets named below. What data sheets do not give (dropouts, mixed pixels, the steepest
-incidence) is set to moderate values and marked so.
+Figures come from the data sheets named below; `python -m benchmarks.simulation --out DIR` draws the range errors beside
+them. What data sheets do not give is set to moderate values and marked so: the share of lost returns, the steepest
+incidence, and how many of the beams that straddle an edge answer from in between. That they do is documented for the
+LMS-200 by Ye & Borenstein (ICRA 2002) and for the URG-04LX by Okubo, Ye & Borenstein (SPIE 7332, 2009).
 """
 
 from __future__ import annotations
@@ -20,8 +22,9 @@ def urg_04lx() -> Sensor:
     """Hokuyo URG-04LX on a pan-tilt unit (Directed Perception PTU-D46), 682 rays x 64 tilts.
 
     0.02-5.6 m, 1024 steps per turn, steps 44 to 725 (239.8 degrees), 1 mm readings: Hokuyo SCIP 2.0 specification
-    C-42-03320B, table 2 and the reply to PP. Accuracy 1 % of the range (data sheet), 1-3 % in the paper: taken as
-    a standard deviation of 1 % on top of 5 mm. Dropouts, mixed pixels and steepest incidence: assumed.
+    C-42-03320B, table 2 and the reply to PP. Accuracy +-10 mm to 1 m and +-1 % of the range beyond (data sheet of the
+    URG-04LX; +-3 % for the later URG-04LX-UG01): taken as a standard deviation of 1 % on top of 5 mm. Dropouts, mixed
+    pixels and steepest incidence: assumed.
     """
     step = 360 / 1024
     return Sensor(
