@@ -238,7 +238,7 @@ def test_a_factor_that_varies_in_one_sweep_only_is_matched_with_the_value_of_the
 def test_sweeps_over_other_pairs_are_refused(tmp_path):
     make_sweep(tmp_path / "a", conditions=({"pose_error": 0.5},))
     make_sweep(tmp_path / "b")
-    with pytest.raises(InputError, match="have no run in common. Runs are matched by pair, repetition"):
+    with pytest.raises(InputError, match=r"have no run in common\. Runs are matched by pair, repetition"):
         compare(SweepRuns.read(tmp_path / "a"), SweepRuns.read(tmp_path / "b"), None)
 
 
