@@ -95,8 +95,7 @@ def _verdicts(reproduction: Reproduction) -> str:
 
 def _run_table(reproduction: Reproduction) -> Table:
     """Wall time of every experiment; simulating a pair on its own line."""
-    seconds = {name.replace("_", " "): taken for name, taken in reproduction.seconds.items()}
-    seconds["together"] = sum(reproduction.seconds.values())
+    seconds = {**reproduction.seconds, "together": sum(reproduction.seconds.values())}
     rows = [Row((name, f"{taken:.1f}")) for name, taken in seconds.items()]
     simulated = statistics.median(reproduction.outcome.simulation_seconds)
     rows.append(Row(("of which simulating one pair (median)", f"{simulated:.2f}")))

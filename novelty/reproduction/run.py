@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from novelty.reproduction.findings import Finding, find
@@ -61,30 +63,31 @@ def reproduce(extent: Extent = FULL, say: Callable[[str], None] = lambda _: None
         extent: How much is run.
         say: Is told what is done next.
     """
-    outcome, seconds = Outcome(), {}
+    outcome, clock = Outcome(), _Clock(say)
+    score = partial(run_experiment, outcome=outcome, repetitions=extent.repetitions, tested=PRINTED)
     everything = (*PRINTED, *STEPS, *ALONE, *OURS)
-    few = {"repetitions": extent.repetitions, "tested": PRINTED}
-    steps: dict[str, Callable[[], object]] = {
-        "simplification": lambda: run_simplification(outcome, extent.repetitions),
-        "ideal_corridor": lambda: run_experiment("ideal_corridor", everything, outcome, **few),
-        "static_platform": lambda: run_experiment(
-            "static_platform", (*everything, *CLUSTERINGS, *POINTWISE), outcome, **few
-        ),
-        "segmentation": lambda: run_segmentation(outcome, extent.segmentations),
-        "mobile_platform": lambda: run_experiment("mobile_platform", everything, outcome, **few),
-        BOX_SIZE: lambda: run_sensitivity(BOX_SIZE, outcome, extent.maps),
-        VIEWPOINT: lambda: run_sensitivity(VIEWPOINT, outcome, extent.maps),
-        "removal": lambda: run_experiment("removal", everything, outcome, exchanged=True, **few),
-    }
-    made = {}
-    for name, step in steps.items():
-        say(name.replace("_", " "))
-        start = time.perf_counter()
-        made[name] = step()
-        seconds[name] = time.perf_counter() - start
-    segmentations, simplification = made["segmentation"], made["simplification"]
+    # Sections 2.2 and 2.3, Fig. 4 and 5.
+    with clock.stage("simplification"):
+        simplification = run_simplification(outcome, extent.repetitions)
+    with clock.stage("synthetic corridor"):
+        score("ideal_corridor", everything)
+    # Sections 3.3 and 3.4, Fig. 11, 13 and 14.
+    with clock.stage("static platform"):
+        score("static_platform", (*everything, *CLUSTERINGS, *POINTWISE))
+    with clock.stage("comparison with Loménie's method"):
+        segmentations = run_segmentation(outcome, extent.segmentations)
+    # Section 3.5, Table 2, Fig. 12 and 15.
+    with clock.stage("mobile platform"):
+        score("mobile_platform", everything)
+    # Section 3.6, Fig. 16 to 18.
+    for name in (BOX_SIZE, VIEWPOINT):
+        with clock.stage(f"sensitivity to {name.replace('_', ' ')}"):
+            run_sensitivity(name, outcome, extent.maps)
+    # Section 4.
+    with clock.stage("removal"):
+        score("removal", everything, exchanged=True)
     findings = find(outcome.rows, segmentations.rows)
-    return Reproduction(outcome, segmentations, simplification, findings, seconds)
+    return Reproduction(outcome, segmentations, simplification, findings, clock.seconds)
 
 
 def write_files(folder: Path, reproduction: Reproduction) -> None:
@@ -94,3 +97,19 @@ def write_files(folder: Path, reproduction: Reproduction) -> None:
     write_rows(folder, "segmentation", reproduction.segmentations.rows)
     write_rows(folder, "simplification", reproduction.simplification[0])
     write_rows(folder, "findings", reproduction.findings)
+
+
+class _Clock:
+    """Wall seconds per stage, each announced when it begins."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time what happens inside."""
+        self._say(name)
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - start

@@ -159,9 +159,8 @@ class SimulatedCase:
             np.concatenate(parts)
             for parts in zip(*(_truth(s, analysis.settings) for s in scans), strict=True)
         )
-        found = mcnemar(
-            truth, *(np.concatenate(answers[key].labels) for key in (first, second)), ignore=ignored
-        )
+        labels = [np.concatenate(answers[key].labels) for key in (first, second)]
+        found = mcnemar(truth, labels[0], labels[1], ignore=ignored)
         return MethodTest(
             self.experiment,
             self.case.name,
@@ -193,7 +192,11 @@ class SimulatedCase:
                 truth, best_choice(answer.components[index], truth, ignored), ignore=ignored
             ).kappa,
             **scored_fields(scores),
-            **answer.seconds,
+            preprocess=answer.seconds["preprocess"],
+            register=answer.seconds["register"],
+            fit=answer.seconds["fit"],
+            compare=answer.seconds["compare"],
+            segment=answer.seconds["segment"],
         )
 
 

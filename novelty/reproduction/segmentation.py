@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -102,7 +103,7 @@ def _segmented(batch: SimulatedCase) -> Iterator[tuple[str, torch.Tensor, list[i
     for method, orders in ((AUTOMATIC, partitions.best()), (NINE, [FORCED] * count)):
         yield method, _cut(partitions, orders, scans.points), orders, seconds / count
     for method, most in ((MIXTURE_9, FORCED), (MIXTURE_20, 20)):
-        mixtures, seconds = _timed(lambda most=most: _mixtures(scans, config.replace(max_components=most)))
+        mixtures, seconds = _timed(partial(_mixtures, scans, config.replace(max_components=most)))
         yield method, mixtures.assign(scans.points), mixtures.num_components.tolist(), seconds / count
 
 
