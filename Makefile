@@ -13,7 +13,7 @@ help:
 	@echo "make test-all   the slow tests and those on real scans (NOVELTY_DATA) as well"
 	@echo "make lint       ruff (lint and format) and mypy"
 	@echo "make paper      the paper's experiments in our numbers, one page (make paper-fast: a small part of them)"
-	@echo "make bench      the benchmarks (pytest-benchmark)"
+	@echo "make bench      the benchmarks (pytest-benchmark), as bench.json and bench.html"
 	@echo "make bench-engine    the engine beside oneDAL, scikit-learn and gmcluster, in one table"
 	@echo "make bench-accuracy  how well changes are found, in seven tables (ARGS='--table mosd --seeds 2' for a part)"
 
@@ -65,7 +65,8 @@ paper-fast: setup
 	$(BIN)/novelty paper --fast --out paper-output
 
 bench: setup
-	$(BIN)/python -m pytest benchmarks -o python_files="bench_*.py" -m "" --benchmark-only --benchmark-columns=median,iqr,rounds $(ARGS)
+	$(BIN)/python -m pytest benchmarks -o python_files="bench_*.py" -m "" --benchmark-only --benchmark-columns=median,iqr,rounds --benchmark-json=bench.json $(ARGS)
+	$(BIN)/novelty report --benchmarks bench.json --out bench.html
 
 bench-engine: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'

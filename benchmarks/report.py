@@ -32,7 +32,9 @@ def main() -> None:
         read = time.perf_counter()
         write_sweep_page(report, runs)
         done = time.perf_counter()
-        print(f"{len(rows)} rows of {len(STAGES)} stages, {pairs} pairs, {len(DETECTORS)} detectors, {len(K_MAX)} K_max")
+        print(
+            f"{len(rows)} rows of {len(STAGES)} stages, {pairs} pairs, {len(DETECTORS)} detectors, {len(K_MAX)} K_max"
+        )
         print(f"read {read - start:.1f} s, build {done - read:.1f} s, together {done - start:.1f} s")
         print(f"{report.stat().st_size / 1e6:.1f} MB")
 
