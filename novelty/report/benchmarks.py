@@ -12,7 +12,7 @@ from novelty import __version__
 from novelty.errors import InputError
 from novelty.io import write_text
 from novelty.report.rendering import render
-from novelty.report.tables import Column, Row, Table, number
+from novelty.report.tables import Column, Row, Table, number, thousands
 
 OURS = ("gmmtorch", "novelty")
 """Values of `extra_info.library` that are not peers."""
@@ -77,7 +77,7 @@ def benchmark_tables(benchmarks: Benchmarks) -> list[tuple[str, Table]]:
 def write_benchmark_page(path: str | Path, benchmarks: Benchmarks) -> None:
     """Write a page of timings alone."""
     page = {
-        "title": "Benchmarks",
+        "title": "How fast it is",
         "benchmarks": benchmark_tables(benchmarks),
         "machine": ", ".join(f"{name} {value}" for name, value in benchmarks.machine.items() if value),
         "version": __version__,
@@ -114,7 +114,12 @@ def _table(timings: Sequence[Timing]) -> Table:
 
 
 def _figures(timing: Timing) -> tuple[str, str, str]:
-    return number(1e3 * timing.median), number(1e3 * timing.iqr), str(timing.rounds)
+    spread = _milliseconds(timing.iqr) if timing.rounds > 1 else "–"
+    return _milliseconds(timing.median), spread, str(timing.rounds)
+
+
+def _milliseconds(seconds: float) -> str:
+    return number(1e3 * seconds) if seconds < 1 else thousands(round(1e3 * seconds))
 
 
 def _timing(entry: Mapping[str, Any]) -> Timing:
