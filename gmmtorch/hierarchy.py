@@ -43,10 +43,27 @@ def merged_groups(clouds: PointClouds, num_components: Sequence[int]) -> Groups:
             cloud that has fewer different points.
     """
     slots = max(1, *num_components)
+    batch, dim = clouds.batch_size, clouds.dim
+    found = Groups(
+        clouds.points.new_zeros(batch, slots),
+        clouds.points.new_zeros(batch, slots, dim),
+        torch.eye(dim, dtype=torch.float64, device=clouds.device).repeat(batch, slots, 1, 1),
+    )
+    # The partition depends on K: clouds of one K at a time, so that the others of the batch have no say.
+    for order in sorted(set(num_components)):
+        members = [b for b, k in enumerate(num_components) if k == order]
+        for all_groups, groups in zip(found, _merged(clouds.select(members), order), strict=True):
+            all_groups[members, : groups.shape[1]] = groups
+    return found
+
+
+def _merged(clouds: PointClouds, order: int) -> Groups:
+    """Moments of `order` groups of every cloud, at least one slot."""
+    slots = max(1, order)
     groups = _partition(clouds, _GROUPS_PER_COMPONENT * slots)
     thickness = _THICKNESS**2 * torch.eye(clouds.dim, dtype=torch.float64, device=clouds.device)
     groups = groups._replace(covariances=groups.covariances + thickness)
-    groups = _join(groups, torch.tensor(list(num_components), device=clouds.device), min(num_components))
+    groups = _join(groups, order)
     first = torch.argsort((groups.weights <= 0).to(torch.int8), dim=1, stable=True)[:, :slots]
     weights = torch.take_along_dim(groups.weights, first, 1)
     return Groups(
@@ -97,16 +114,16 @@ def _moments(clouds: PointClouds, place: Tensor, count: int, between_only: bool 
     )
 
 
-def _join(groups: Groups, wanted: Tensor, fewest: int) -> Groups:
-    """Join the pair of least cost (eq. 7) until a cloud has `wanted` (B,) groups, at least `fewest` of all."""
+def _join(groups: Groups, wanted: int) -> Groups:
+    """Join the pair of least cost (eq. 7) until every cloud has `wanted` groups."""
     batch, count = groups.weights.shape
-    rows = torch.arange(batch, device=wanted.device)
-    slots = torch.arange(count, device=wanted.device)
+    rows = torch.arange(batch, device=groups.weights.device)
+    slots = torch.arange(count, device=groups.weights.device)
     log_dets = _log_determinants(groups.covariances)
     costs = torch.stack(
         [_union_costs(groups, log_dets, slots.new_full((batch,), g)) for g in range(count)], 1
     )
-    for _ in range(count - fewest):
+    for _ in range(count - wanted):
         going_on = (groups.weights > 0).sum(1) > wanted  # (B,)
         pair = costs.flatten(1).argmin(1)  # the first of equals
         kept, gone = pair // count, pair % count

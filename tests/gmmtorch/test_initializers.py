@@ -64,3 +64,13 @@ def test_merged_treats_a_cell_as_its_points():
     torch.testing.assert_close(
         of_cells.covariances[0][order], of_points.covariances[0][other], rtol=0, atol=1e-9
     )
+
+
+def test_merged_groups_of_a_cloud_do_not_depend_on_the_orders_of_the_others():
+    clouds = PointClouds.from_list([room(600, 1), room(400, 2), room(600, 1)])
+    together = merged_groups(clouds, [4, 9, 2])
+    for cloud, order in enumerate([4, 9, 2]):
+        alone = merged_groups(clouds[cloud], [order])
+        for mixed, own in zip(together, alone, strict=True):
+            torch.testing.assert_close(mixed[cloud, :order], own[0], rtol=0, atol=0)
+    assert (together.weights[0, 4:] == 0).all()
