@@ -5,17 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from novelty.sweep.inputs import run_key
+from novelty.sweep.inputs import HashedPair, run_key
 from novelty.sweep.settings import Setting
-from novelty.sweep.sources import SweepPair
-
-
-@dataclass(frozen=True)
-class HashedPair:
-    """A pair and the hash of its content."""
-
-    pair: SweepPair
-    inputs: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +43,7 @@ class Batch:
 
     def attempt(self, pair: HashedPair, setting: Setting) -> int:
         """1, or more after failures."""
-        return self.attempts.get(run_key(pair.inputs, setting), 1)
+        return self.attempts.get(run_key(pair, setting), 1)
 
     def halves(self) -> tuple[Batch, Batch]:
         """Two parts of a batch of several runs: half of its pairs each, or of its settings where it has one pair."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -32,9 +33,18 @@ def code_version() -> str:
     return f"{__version__}+{digest.hexdigest()[:12]}"
 
 
-def run_key(inputs: str, setting: Setting) -> str:
-    """The key of a run: configuration, repetition, inputs and code."""
-    return hashlib.sha256(f"{setting.digest}\n{inputs}\n{code_version()}".encode()).hexdigest()[:32]
+@dataclass(frozen=True)
+class HashedPair:
+    """A pair and the hash of its content."""
+
+    pair: SweepPair
+    inputs: str
+
+
+def run_key(hashed: HashedPair, setting: Setting) -> str:
+    """The key of a run: the pair by name and by content, configuration, repetition and code."""
+    parts = (hashed.pair.data, hashed.pair.name, hashed.inputs, setting.digest, code_version())
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 
 
 class InputHashes:

@@ -11,9 +11,9 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from novelty.sweep.batch import Batch, HashedPair
+from novelty.sweep.batch import Batch
 from novelty.sweep.estimate import Cost, CostModel
-from novelty.sweep.inputs import InputHashes, run_key
+from novelty.sweep.inputs import HashedPair, InputHashes, run_key
 from novelty.sweep.settings import Setting, canonical_json
 from novelty.sweep.sources import SweepPair
 from novelty.sweep.store import RowStore
@@ -74,9 +74,9 @@ class PlannedBatch:
         failed = 0
         for pair in self.pairs:
             hashed = HashedPair(pair, hashes.of(pair))
-            done = {setting: store.finished.get(run_key(hashed.inputs, setting)) for setting in self.settings}
+            done = {setting: store.finished.get(run_key(hashed, setting)) for setting in self.settings}
             again = {s: row for s, row in done.items() if row is not None and row.failed and retry_failed}
-            attempts |= {run_key(hashed.inputs, setting): row.attempt + 1 for setting, row in again.items()}
+            attempts |= {run_key(hashed, setting): row.attempt + 1 for setting, row in again.items()}
             failed += sum(row is not None and row.failed for row in done.values()) - len(again)
             lacking.setdefault(tuple(s for s, row in done.items() if row is None or s in again), []).append(
                 hashed

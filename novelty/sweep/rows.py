@@ -41,9 +41,7 @@ class Column:
 
 
 def _identity() -> Iterable[Column]:
-    yield Column(
-        "key", pa.string(), "Hash of the resolved configuration, the inputs, the code and the repetition."
-    )
+    yield Column("key", pa.string(), "Hash of pair, inputs, resolved configuration, repetition and code.")
     yield Column("data", pa.string(), "Name of the entry under `data` in the sweep that the pair comes from.")
     yield Column("pair", pa.string(), "Name of the pair, unique within `data`.")
     yield Column(

@@ -17,10 +17,10 @@ import psutil
 
 from novelty.environment import machine, versions
 from novelty.errors import NoveltyError
-from novelty.sweep.batch import Batch, HashedPair
+from novelty.sweep.batch import Batch
 from novelty.sweep.compute import Outcome, compute
 from novelty.sweep.folder import SweepFolder
-from novelty.sweep.inputs import code_version, run_key
+from novelty.sweep.inputs import HashedPair, code_version, run_key
 from novelty.sweep.isolation import isolated, status_of
 from novelty.sweep.keep import keep_result, keep_scans
 from novelty.sweep.reading import LoadedBatch, load
@@ -111,7 +111,7 @@ def lost_rows(batch: Batch, reason: str, status: str) -> list[Row]:
 def _identity(batch: Batch, hashed: HashedPair, setting: Setting) -> Row:
     pair, config = hashed.pair, setting.config
     return {
-        "key": run_key(hashed.inputs, setting),
+        "key": run_key(hashed, setting),
         "data": pair.data,
         "pair": pair.name,
         "inputs": hashed.inputs,
