@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -107,13 +107,11 @@ def _work(place: Connection, options: WorkerOptions) -> None:
     from novelty.sweep.worker import Worker
 
     worker = Worker(options.folder, options.keep)
-    while True:
-        try:
+    with suppress(EOFError, OSError):  # whoever gave the batches is gone
+        while True:
             batch, upcoming = place.recv()
-        except (EOFError, OSError):
-            return
-        done = answer(worker, 0, batch, upcoming)
-        place.send((done.rows, done.error))
+            done = answer(worker, 0, batch, upcoming)
+            place.send((done.rows, done.error))
 
 
 def _limit_memory(limit: float | None) -> None:
