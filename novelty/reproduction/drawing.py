@@ -1,4 +1,4 @@
-"""Pictures of scans and mixtures as PNG, seen from a corner without perspective, drawn by Matplotlib."""
+"""Pictures of scans and mixtures, seen from a corner without perspective, drawn by Matplotlib."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WIDTH, DPI = 4.6, 110
 
 GREY, DARK = "#7d8894", "#3b4754"
 CLUSTERS = (
-    "#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bbbbbb", "#e8915b", "#5d4a9e", "#8fbf6f",
+    "#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bbbbbb", "#7a5c3e", "#5d4a9e", "#8fbf6f",
     "#994455", "#6699cc", "#997700", "#004488", "#ee99aa", "#44aa99", "#ddcc77", "#882255", "#117733", "#cc6677",
 )  # fmt: skip
 """Told apart by most people with a deficiency of colour vision, as far as twenty colours can be (Tol 2021)."""
@@ -58,7 +58,7 @@ class View:
 
 
 class Picture:
-    """One picture, drawn layer by layer and written as PNG."""
+    """One picture, drawn layer by layer."""
 
     def __init__(self, view: View) -> None:
         self.view = view
@@ -92,13 +92,22 @@ class Picture:
             self._axes.add_patch(Ellipse(places[k], width, height, angle=angle, fc=face, ec=colour, lw=1.1))
         return self
 
-    def png(self, frame_of: NDArray[np.float64] | None = None) -> bytes:
-        """The picture; `frame_of` (N, 3) says what has to be in it, so that pictures of one scene agree."""
-        if frame_of is not None:
-            self._fit(self.view.project(frame_of[self.view.below(frame_of)]))
+    def encoded(self, frame_of: NDArray[np.float64], kind: str = "webp") -> bytes:
+        """The picture as a file, `webp` or `png`.
+
+        Args:
+            frame_of: Points (N, 3) that have to be in it, so that pictures of one scene agree.
+            kind: Of file.
+        """
+        self._fit(self.view.project(frame_of[self.view.below(frame_of)]))
         buffer = io.BytesIO()
-        self._figure.savefig(buffer, format="png", transparent=True)
+        options = {"quality": 85, "method": 3} if kind == "webp" else {}
+        self._figure.savefig(buffer, format=kind, transparent=kind == "webp", pil_kwargs=options)
         return buffer.getvalue()
+
+    def source(self, frame_of: NDArray[np.float64]) -> str:
+        """The picture as the source of an image in a page that stands alone."""
+        return f"data:image/webp;base64,{base64.b64encode(self.encoded(frame_of)).decode('ascii')}"
 
     def _fit(self, places: NDArray[np.float64]) -> None:
         """Cut the picture to what it shows."""
@@ -108,11 +117,6 @@ class Picture:
         self._axes.set_xlim(left, right)
         self._axes.set_ylim(bottom, top)
         self._figure.set_size_inches(WIDTH, WIDTH * min((top - bottom) / (right - left), 1.2))
-
-
-def as_source(png: bytes) -> str:
-    """A picture as the source of an image in a page that stands alone."""
-    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
 
 
 def cluster_colours(clusters: NDArray[np.int64]) -> NDArray[np.str_]:

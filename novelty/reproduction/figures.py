@@ -16,7 +16,6 @@ from novelty.reproduction.drawing import (
     GREY,
     Picture,
     View,
-    as_source,
     cluster_colours,
     truth_colours,
 )
@@ -102,7 +101,7 @@ def frontal_figure(outcome: Outcome) -> Figure:
             for k in range(int(example.mixture.num_components[0]))
         }
         picture = Picture(view).points(points, truth_colours(_changed(example)), every=_every(points))
-        source = as_source(picture.ellipses(example.mixture, colours).png(points))
+        source = picture.ellipses(example.mixture, colours).source(points)
         caption = f"{above} of {len(colours)} components lie at the ceiling."
         panels.append(Panel(source, caption, "Mixture of a corridor seen from its end, with the ceiling."))
     return Figure(
@@ -121,19 +120,23 @@ def segmentation_figure(segmentations: Segmentations) -> Figure:
         own = [example for example in segmentations.examples if example.case == case]
         view = View.from_corner(own[0].points)
         truth = Picture(view).points(
-            own[0].points, truth_colours(own[0].changed), every=_every(own[0].points)
+            own[0].points, truth_colours(own[0].changed), size=4, every=_every(own[0].points)
         )
         panels = [
-            Panel(as_source(truth.png(own[0].points)), "the change", f"Scan of {case}, the change marked.")
+            Panel(
+                truth.source(own[0].points),
+                f"{own[0].changed.sum()} points",
+                f"Scan of {case}, the change marked.",
+            )
         ]
         for example in own:
             picture = Picture(view).points(
-                example.points, cluster_colours(example.clusters), every=_every(example.points)
+                example.points, cluster_colours(example.clusters), size=4, every=_every(example.points)
             )
             row = next(r for r in segmentations.rows if (r.case, r.method) == (case, example.method))
             caption = f"{row.clusters} clusters, attainable κ {row.kappa:.2f}, {row.seconds:.2f} s"
             alternative = f"Scan of {case} in clusters: {TITLES[example.method]}."
-            panels.append(Panel(as_source(picture.png(example.points)), caption, alternative))
+            panels.append(Panel(picture.source(example.points), caption, alternative))
         rows.append((case, tuple(panels)))
     return Figure(
         "Fig. 13 and 14: mixtures beside Loménie's partition",
@@ -153,9 +156,7 @@ def simplification_figure(example: SimplificationExample) -> Figure:
     caption = f"{len(example.points):,} points, {len(example.kept):,} are kept at σ_max = {LIMIT:g}.".replace(
         ",", " "
     )
-    panel = Panel(
-        as_source(picture.png(example.points)), caption, "Hills of points, denser where they are curved."
-    )
+    panel = Panel(picture.source(example.points), caption, "Hills of points, denser where they are curved.")
     return Figure(
         "Fig. 4: simplification",
         "Original points are yellow, those that are kept dark.",
@@ -187,10 +188,10 @@ def _step_panels(example: Example) -> tuple[Panel, ...]:
     found.ellipses(example.mixture, dict.fromkeys(novel, ADDED), filled=False)
     what = example.member.case.name
     return (
-        Panel(as_source(scan.png(points)), f"{int(changed.sum())} points have changed", f"Scan: {what}."),
-        Panel(as_source(mixture.png(points)), f"{count} components", f"Mixture of the scan: {what}."),
+        Panel(scan.source(points), f"{int(changed.sum())} points have changed", f"Scan: {what}."),
+        Panel(mixture.source(points), f"{count} components", f"Mixture of the scan: {what}."),
         Panel(
-            as_source(found.png(points)),
+            found.source(points),
             f"{len(novel)} components, {int(called.sum())} points",
             f"What is called novel: {what}.",
         ),

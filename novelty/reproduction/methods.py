@@ -45,37 +45,32 @@ SHAPES = {
 }
 """Distances between components that know their shapes and the resolution of the scan."""
 
+OWN = {"fit.unexplained_components": Config().fit.unexplained_components}
+"""Components of their own for what the other scan does not explain."""
+
+
+def _steps(key: str, title: str, detector: str) -> tuple[Method, ...]:
+    """The printed method with one choice changed, with both, and with components of their own beside both."""
+    both = _step(detector, fits="coupled", **SHAPES[detector])
+    return (
+        Method(
+            f"{key}_common", f"{title}, + common mixture", _step(detector, fits="coupled"), "printed, common"
+        ),
+        Method(
+            f"{key}_shapes", f"{title}, + distances of shapes", _step(detector, **SHAPES[detector]), "printed"
+        ),
+        Method(f"{key}_both", f"{title}, + both", both, "printed, common"),
+        Method(
+            f"{key}_own", f"{title}, + both + own components", both.replace(**OWN), "printed, common, own"
+        ),
+    )
+
+
 STEPS = (
-    Method("emd_common", "EMD, + common mixture", _step("greedy_emd", fits="coupled"), "printed, common"),
-    Method(
-        "emd_shapes", "EMD, + distances of shapes", _step("greedy_emd", **SHAPES["greedy_emd"]), "printed"
-    ),
-    Method(
-        "emd_both",
-        "EMD, + both",
-        _step("greedy_emd", fits="coupled", **SHAPES["greedy_emd"]),
-        "printed, common",
-    ),
-    Method(
-        "structural_common",
-        "Str. matching, + common mixture",
-        _step("structural_matching", fits="coupled"),
-        "printed, common",
-    ),
-    Method(
-        "structural_shapes",
-        "Str. matching, + distances of shapes",
-        _step("structural_matching", **SHAPES["structural_matching"]),
-        "printed",
-    ),
-    Method(
-        "structural_both",
-        "Str. matching, + both",
-        _step("structural_matching", fits="coupled", **SHAPES["structural_matching"]),
-        "printed, common",
-    ),
+    *_steps("emd", "EMD", "greedy_emd"),
+    *_steps("structural", "Str. matching", "structural_matching"),
 )
-"""The printed methods with one choice changed, and with both."""
+"""From the printed methods towards ours."""
 
 
 def _alone(detector: str) -> Config:

@@ -95,10 +95,12 @@ def case_table(rows: Sequence[Row], experiment: str) -> Table:
 
 def step_table(rows: Sequence[Row]) -> Table:
     """From the printed methods to ours: mean kappa over all cases of every experiment, and what was attainable."""
-    columns = (Column("method", numeric=False), *(Column(f"{name}: κ (attainable)") for name in GROUPS))
+    columns = (Column("method", numeric=False), *(Column(name) for name in GROUPS))
     lines = []
     for family in ("emd", "structural"):
-        keys = [f"{family}_{step}" for step in ("paper", "common", "shapes", "both", "alone")] + [family]
+        keys = [f"{family}_{step}" for step in ("paper", "common", "shapes", "both", "own", "alone")] + [
+            family
+        ]
         for key in keys:
             part = matching(rows, method=key)
             groups = [

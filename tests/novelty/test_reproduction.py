@@ -1,0 +1,292 @@
+"""The paper's experiments: what is shared between methods changes no answer, and the page says what the rows say."""
+
+import csv
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import torch
+
+from novelty import Config, detect_many
+from novelty.evaluation import Interval, evaluate
+from novelty.reproduction import FAST, Extent, Row, Verdict, reproduce, write_files, write_page, write_rows
+from novelty.reproduction.drawing import Picture, View
+from novelty.reproduction.findings import find, order_curve
+from novelty.reproduction.methods import ALONE, CLUSTERINGS, OURS, POINTWISE, PRINTED, STEPS
+from novelty.reproduction.rows import interval, paired_difference
+from novelty.reproduction.scoring import Outcome, best_choice, run_experiment
+from novelty.reproduction.segmentation import TITLES, SegmentationRow
+from novelty.reproduction.tables import METHODS, spanned, step_table, table_2
+from novelty.reproduction.workbench import Workbench
+from novelty.scan import CHANGED
+from novelty.simulation.experiments import load_experiment
+
+SMALL = {"max_components": 6}
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    """Two pairs of the synthetic corridor, in which a box appears."""
+    return [member.simulate().scans for member in load_experiment("ideal_corridor").pairs()[:2]]
+
+
+@pytest.fixture(scope="module")
+def bench(pairs):
+    return Workbench(pairs)
+
+
+@pytest.mark.parametrize(
+    "method", [*PRINTED, *STEPS, *ALONE, *OURS, CLUSTERINGS[0], *POINTWISE], ids=lambda m: m.key
+)
+def test_shared_stages_give_the_answers_of_detect(bench, pairs, method):
+    answer = bench.answer(method, SMALL)
+    expected = detect_many(pairs, method.config.replace(**SMALL))
+    for labels, components, result in zip(answer.labels, answer.components, expected, strict=True):
+        # What has moved is a matter of both directions, of which only one is looked at here.
+        np.testing.assert_array_equal(labels, result.added.point_labels)
+        np.testing.assert_array_equal(components, result.added.point_components)
+
+
+def test_methods_of_one_word_share_their_mixtures_and_others_do_not(bench):
+    emd, structural = (bench.answer(method, SMALL) for method in PRINTED)
+    assert emd.mixtures is structural.mixtures
+    assert bench.answer(ALONE[0], SMALL).mixtures is bench.answer(OURS[0], SMALL).mixtures
+    assert bench.answer(ALONE[0], SMALL).mixtures is not emd.mixtures
+    assert bench.answer(PRINTED[0], {"max_components": 5}).mixtures is not emd.mixtures
+
+
+def test_methods_of_one_word_have_the_same_settings_of_the_fit():
+    for word, group in itertools.groupby(
+        sorted(METHODS.values(), key=lambda m: m.mixtures), lambda m: m.mixtures
+    ):
+        members = list(group)
+        fits = {(m.config.fit, getattr(m.config.chosen_detector, "fits", None)) for m in members}
+        assert not word or len(fits) == 1, word
+
+
+def test_mixtures_of_a_prescribed_order_have_it(bench):
+    answers = bench.answers_by_order(PRINTED[0], {}, [2, 4, 6])
+    for order, answer in answers.items():
+        assert answer.mixtures.num_components.tolist() == [order] * 2
+    # The order that MDL chooses is one of those on the way down, with the same mixture.
+    chosen = bench.answer(PRINTED[0], SMALL)
+    order = int(chosen.mixtures.num_components[0])
+    way = bench.answers_by_order(PRINTED[0], {}, [order, 6])[order]
+    torch.testing.assert_close(way.mixtures.means[0, :order], chosen.mixtures.means[0, :order])
+
+
+def test_the_best_choice_of_components_is_the_best_of_all_choices(rng):
+    for _ in range(20):
+        components, changed = rng.integers(-1, 5, 60), rng.random(60) < 0.3
+        changed |= components == 3
+        ignored = rng.random(60) < 0.1
+        reached = evaluate(changed, best_choice(components, changed, ignored), ignore=ignored).kappa
+        subsets = itertools.chain.from_iterable(itertools.combinations(range(5), size) for size in range(6))
+        kappas = [evaluate(changed, np.isin(components, list(s)), ignore=ignored).kappa for s in subsets]
+        assert reached == pytest.approx(np.nanmax(kappas))
+
+
+def test_no_change_leaves_no_choice():
+    components = np.array([0, 0, 1, -1])
+    assert not best_choice(components, np.zeros(4, bool), np.zeros(4, bool)).any()
+
+
+def test_an_experiment_leaves_a_row_per_pair_and_method_and_a_test():
+    outcome = Outcome()
+    run_experiment("ideal_corridor", PRINTED, outcome, repetitions=2, tested=PRINTED)
+    assert [(row.method, row.repetition) for row in outcome.rows] == [
+        (method.key, repetition) for method in PRINTED for repetition in (0, 1)
+    ]
+    assert [example.method for example in outcome.examples] == [method.key for method in PRINTED]
+    (test,) = outcome.tests
+    emd, structural = (
+        sum(row.true_positives + row.true_negatives for row in outcome.rows if row.method == method.key)
+        for method in PRINTED
+    )
+    # Who is alone in being right by so many points more, is right by so many points more.
+    assert test.first_only - test.second_only == emd - structural
+    for row in outcome.rows:
+        table = (row.true_positives, row.false_negatives, row.false_positives, row.true_negatives)
+        assert row.true_positives + row.false_negatives == row.changed_points
+        assert row.chi2 == pytest.approx(sum(table) * row.cramers_v**2)
+        assert row.attainable >= row.kappa - 1e-12
+
+
+def test_exchanged_scans_find_what_was_removed():
+    there, back = Outcome(), Outcome()
+    run_experiment("ideal_corridor", PRINTED[:1], there, repetitions=1)
+    run_experiment("ideal_corridor", PRINTED[:1], back, repetitions=1, exchanged=True)
+    assert there.rows[0].changed_points > 0
+    assert back.rows[0].changed_points == 0
+
+
+def rows_of(kappas, **fixed):
+    """One row per kappa, otherwise alike."""
+    blank = {field.name: 0 if field.type in ("int", "float") else "" for field in dataclasses.fields(Row)}
+    return [
+        Row(**{**blank, "repetition": r, "kappa": k, "attainable": 1.0, **fixed})
+        for r, k in enumerate(kappas)
+    ]
+
+
+def as_if(good):
+    """Rows of all experiments in which the printed methods do as the paper says, or find nothing at all."""
+    rows = []
+    printed = {"cylinder": 0.25, "person": 0.99, "box": 0.5}
+    for method in METHODS.values():
+        emd = 0.05 if method.config.detector == "greedy_emd" else 0.0
+        for case, kappa in printed.items():
+            low = [min(kappa + emd + 0.01 * r, 1.0) if good else 0.001 * r for r in range(4)]
+            high = [0.98 + 0.001 * r if good else 0.001 * r for r in range(4)]
+            place = {"experiment": "mobile_platform", "case": case, "method": method.key}
+            rows += rows_of(low, analysis="complete", attainable=0.4 if good else 1.0, **place)
+            rows += rows_of(high, analysis="area of interest", attainable=1.0 if good else 0.2, **place)
+        for experiment, cases in (
+            ("static_platform", ("door opened", "person", "door closed")),
+            ("removal", ("box", "person")),
+        ):
+            for case in cases:
+                place = {"experiment": experiment, "case": case, "method": method.key, "analysis": "K_max 20"}
+                rows += rows_of([0.9, 0.95] if good else [0.0, 0.1], **place)
+        for experiment, order in itertools.product(("box_size", "viewpoint"), range(8, 21)):
+            kappa = (0.9 if order in (8, 12) else 0.6) if good else 0.05 * (order - 8)
+            gap = 0.0 if good else 0.3 * (method is PRINTED[0])
+            place = {"experiment": experiment, "case": "box", "method": method.key, "order": order}
+            rows += rows_of([kappa + gap, kappa + gap + 0.01], **place)
+    seconds = {"fuzzy_automatic": 2.0, "fuzzy_9": 60.0} if good else {"mixture_9": 90.0, "mixture_20": 90.0}
+    clusters = {"fuzzy_automatic": 2 if good else 8, "fuzzy_9": 9, "mixture_9": 9, "mixture_20": 20}
+    told = {"mixture_20"} if good else {"fuzzy_automatic", "fuzzy_9", "mixture_9"}
+    segmentations = [
+        SegmentationRow(case, 0, key, 100, clusters[key], 0, 0.9 * (key in told), seconds.get(key, 1.0))
+        for key in TITLES
+        for case in ("door opened", "door closed")
+    ]
+    return rows, segmentations
+
+
+def test_numbers_like_the_papers_agree_with_it():
+    findings = find(*as_if(good=True))
+    assert {finding.claim: finding.verdict for finding in findings} == {
+        f.claim: Verdict.AGREES for f in findings
+    }
+
+
+def test_methods_that_find_nothing_agree_with_nothing():
+    findings = find(*as_if(good=False))
+    agreeing = [finding.claim for finding in findings if finding.verdict is Verdict.AGREES]
+    assert not agreeing
+
+
+def test_an_order_curve_is_the_mean_over_maps():
+    rows, _ = as_if(good=True)
+    curve = order_curve(rows, "viewpoint", PRINTED[0])
+    assert list(curve) == list(range(8, 21))
+    assert curve[8].mean == pytest.approx(0.905)
+    assert curve[9].mean == pytest.approx(0.605)
+
+
+def test_differences_are_taken_pair_by_pair():
+    first, second = rows_of([0.9, 0.5, 0.1]), rows_of([0.8, 0.4, 0.0])
+    span = paired_difference(first, second[::-1], ("case", "repetition"))
+    assert (span.mean, span.count) == (pytest.approx(0.1), 3)
+    assert span.half_width == pytest.approx(0, abs=1e-12)
+    assert interval(first).half_width > 0.5
+
+
+def test_printed_values_stand_beside_the_printed_methods_only():
+    rows, _ = as_if(good=True)
+    table = table_2(rows, "complete")
+    beside = {(row.cells[0], row.cells[1]): row.cells[-1] for row in table.rows}
+    assert beside["cylinder", "EMD, as printed"] == "0.570, 0.381, 0.254"
+    assert beside["box", "Str. matching, as printed"] == "0.543, 0.479, 0.465"
+    assert beside["person", "EMD, ours"] == ""
+    assert len(step_table(rows).rows) == len([m for m in METHODS if m.startswith(("emd", "structural"))])
+
+
+@pytest.mark.parametrize(
+    ("span", "text"),
+    [
+        (Interval(0.5, 0.4, 0.6, 10), "0.500 [0.40, 0.60]"),
+        (Interval(0.99, 0.9, 1.2, 3), "0.990 [0.90, 1.00]"),
+        (Interval(0.5, math.nan, math.nan, 1), "0.500"),
+        (Interval(math.nan, math.nan, math.nan, 0), "–"),
+    ],
+)
+def test_intervals_stay_within_what_kappa_can_be(span, text):
+    assert spanned(span) == text
+
+
+def test_rows_are_the_same_as_csv_and_as_parquet(tmp_path):
+    rows = rows_of([0.25, math.nan, 0.75], case="box", method="emd")
+    write_rows(tmp_path, "rows", rows)
+    with (tmp_path / "rows.csv").open(encoding="utf-8") as stream:
+        read = list(csv.DictReader(stream))
+    assert [row["kappa"] for row in read] == ["0.25", "", "0.75"]
+    table = pq.read_table(tmp_path / "rows.parquet").to_pylist()
+    assert [row["method"] for row in table] == ["emd"] * 3
+    assert math.isnan(table[1]["kappa"])
+    assert list(read[0]) == list(table[0]) == [field.name for field in dataclasses.fields(Row)]
+
+
+def test_an_ellipse_is_drawn_where_its_points_are(rng):
+    pytest.importorskip("matplotlib")
+    from gmmtorch import GaussianMixtures
+
+    points = rng.normal(size=(4000, 3)) * (3.0, 1.0, 0.5) + (10.0, 0, 0)
+    view = View.from_corner(points, cut_ceiling=False)
+    mixture = GaussianMixtures.from_arrays([1.0], points.mean(0)[None], np.cov(points.T)[None])
+    picture = Picture(view).points(points, "#000000").ellipses(mixture, {0: "#ff0000"})
+    (patch,) = picture._axes.patches
+    inside = patch.get_path().transformed(patch.get_patch_transform()).contains_points(view.project(points))
+    # 1.5 standard deviations of a Gaussian in the plane.
+    assert inside.mean() == pytest.approx(1 - math.exp(-(1.5**2) / 2), abs=0.03)
+    assert picture.encoded(points, "png").startswith(b"\x89PNG")
+
+
+def test_the_fast_extent_is_a_part_of_the_whole():
+    from novelty.reproduction import FULL
+
+    assert all(a < b for a, b in zip(dataclasses.astuple(FAST), dataclasses.astuple(FULL), strict=True))
+
+
+@pytest.mark.slow
+def test_the_page_stands_alone_and_says_what_the_rows_say(tmp_path):
+    pytest.importorskip("matplotlib")
+    extent = Extent(repetitions=1, maps=2, segmentations=1)
+    said = []
+    found = reproduce(extent, said.append)
+    write_files(tmp_path, found)
+    write_page(tmp_path / "paper.html", found, extent, "novelty paper")
+    text = (tmp_path / "paper.html").read_text(encoding="utf-8")
+    assert 'src="http' not in text
+    assert 'href="http' not in text
+    for finding in found.findings:
+        assert finding.ours.replace("'", "&#39;").replace("<", "&lt;") in text
+    for heading in (
+        "Table 2",
+        "Fig. 4",
+        "Fig. 5",
+        "Fig. 11",
+        "Fig. 12",
+        "Fig. 13",
+        "Fig. 15",
+        "Fig. 16",
+        "Fig. 17",
+        "Fig. 18",
+    ):
+        assert heading in text
+    assert len(said) == len(found.seconds)
+    rows = pq.read_table(tmp_path / "rows.parquet").to_pylist()
+    assert len(rows) == len(found.outcome.rows)
+    assert {row["experiment"] for row in rows} >= {
+        "mobile_platform",
+        "static_platform",
+        "box_size",
+        "viewpoint",
+    }
+    changed = [example for example in found.outcome.examples if (example.scan.labels == CHANGED).any()]
+    assert changed
+    assert Config.preset("paper").structural_matching.node_threshold == 3.5
