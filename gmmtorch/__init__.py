@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from gmmtorch.clouds import PointClouds
+from gmmtorch.coarsening import coarsen
 from gmmtorch.criteria import CRITERIA
 from gmmtorch.distances import (
     GROUND_DISTANCES,
@@ -53,6 +54,7 @@ __all__ = [
     "UnbalancedTransport",
     "UpdateResult",
     "bures_distance",
+    "coarsen",
     "combined_distance",
     "covariance_distance",
     "description_length",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -12,6 +12,7 @@ from torch import Tensor
 
 from gmmtorch import linalg
 from gmmtorch.clouds import PointClouds
+from gmmtorch.coarsening import coarsen
 from gmmtorch.components import Components
 from gmmtorch.errors import ArgumentError, ShapeError, Status
 from gmmtorch.initializers import initial_groups
@@ -98,6 +99,12 @@ class Problem:
         rows = torch.tensor([range(len(self.covariance))[b] for b in clouds], device=self.covariance.device)
         normalized = self.normalized.take(rows.tolist())
         return Problem(normalized, self.workload.take(rows.tolist()), self.covariance[rows])
+
+    def coarsened(self, max_points: int) -> Problem:
+        """The same problem with the points summed up in cells, see `coarsen`."""
+        cells = coarsen(self.normalized.clouds, max_points)
+        workload = replace(self.workload, tiles=Tiles.build(cells))
+        return Problem(replace(self.normalized, clouds=cells), workload, self.covariance)
 
 
 def prepare(

@@ -102,6 +102,7 @@ def fit_mdl(
     relative_floor: float = 1e-4,
     covariance_floor: CovarianceFloor = "model",
     accelerate: bool = True,
+    coarse: int | None = None,
     members: Sequence[int] | None = None,
     return_path: bool = False,
 ) -> FitResult:
@@ -120,6 +121,8 @@ def fit_mdl(
         relative_floor: covariance floor in units of the cloud's robust extent.
         covariance_floor: "model" or "paper", as in `fit_em`.
         accelerate: over-relaxed EM, as in `fit_em`; False makes EM's own steps only, as the paper.
+        coarse: search the order on cells of at most so many points (`coarsen`), then polish the best mixture by EM on
+            all points. The path keeps the lengths on the cells, but for the order chosen.
         members: cloud of every fit (B',), for several fits of a cloud, with other K_max, that share its points;
             by default every cloud is fitted once.
         return_path: also return the mixtures of all orders.
@@ -132,13 +135,17 @@ def fit_mdl(
         raise ArgumentError(f"max_iterations and n_init must be >= 1, got {max_iterations} and {n_init}")
     value = criterion_named(criterion)
     problem = prepare(clouds, min_std, relative_floor, covariance_floor, "mdl", accelerate)
+    searched = problem if coarse is None else problem.coarsened(coarse)
     if members is not None:
-        problem = problem.take(members)
-    held, before = feasible_components(problem, max_components)
-    workload, starts = several_starts(problem, held, initializer, seed, n_init)
+        problem, searched = problem.take(members), searched.take(members)
+    held, before = feasible_components(searched, max_components)
+    workload, starts = several_starts(searched, held, initializer, seed, n_init)
     found = search_orders(workload, starts, held * n_init, value, max_iterations, return_path)
+    found = found.take(best_start(found.mdl, n_init))
+    if coarse is not None:
+        found = _polished(problem.workload, found, value, max_iterations)
     longest = max_components if isinstance(max_components, int) else max(max_components)
-    return _result(problem, found.take(best_start(found.mdl, n_init)), before, longest)
+    return _result(problem, found, before, longest)
 
 
 @torch.no_grad()
@@ -204,6 +211,25 @@ def _record(
     better = fitted & (mdl < found.mdl)
     found.best = EMState(components, *state.per_cloud()).where(better, found.best)
     found.mdl = torch.where(better, mdl, found.mdl)
+
+
+def _polished(
+    workload: Workload, found: OrderSearch, criterion: Criterion, max_iterations: int
+) -> OrderSearch:
+    """The best mixtures after EM on all points."""
+    state = run_em(workload, found.best.components, max_iterations)
+    components, dim = state.components, state.components.means.shape[-1]
+    mdl = criterion(state.log_likelihood - workload.volume, components.weights, workload.total, dim)
+    mdl = torch.where(found.mdl.isfinite(), mdl, found.mdl)
+    orders = torch.arange(1, found.mdl_path.shape[1] + 1, device=mdl.device)
+    chosen = orders == found.best.components.num_components[:, None]
+    return OrderSearch(
+        best=state,
+        mdl=mdl,
+        mdl_path=torch.where(chosen, mdl[:, None], found.mdl_path),
+        num_iterations=found.num_iterations + state.num_iterations,
+        path=[components.where(chosen[:, k], kept) for k, kept in enumerate(found.path)],
+    )
 
 
 def _result(problem: Problem, found: OrderSearch, before: Sequence[Status], longest: int) -> FitResult:
