@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,15 @@ class Frame:
     def heights(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Height of shown points (N, 3)."""
         return -points[:, 1] if self.depth_camera else points[:, 2]
+
+    def below_ceiling(self) -> Frame:
+        """The part of the box under `top`, into which one can see."""
+        low, high = self.low.copy(), self.high.copy()
+        if self.depth_camera:
+            low[1] = -self.top
+        else:
+            high[2] = self.top
+        return replace(self, low=low, high=high)
 
     def layout(self, unit: str) -> dict[str, Any]:
         """The `scene` of a plotly layout: equal scales on all axes, seen from a useful place."""

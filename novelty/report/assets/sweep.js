@@ -5,7 +5,8 @@
   // What is drawn for paper; its style cannot be asked for before it is laid out. The width fits A4 and Letter.
   const PAPER = { width: 680, height: 300, "--line": "#bbb", "--quiet": "#444" };
   let onPaper = false;
-  const chosen = { study: Object.keys(effects)[0], metric: "kappa", band: "interval", layers: ["points"] };
+  const [study, scores] = Object.entries(effects)[0] ?? [null, {}];
+  const chosen = { study, metric: Object.keys(scores)[0], band: "interval", layers: ["points"] };
   const drawn = new Map();  // element -> whether it is a 3D scene
 
   const cssColour = (name) => (onPaper ? PAPER[name]

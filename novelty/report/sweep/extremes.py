@@ -12,7 +12,7 @@ from novelty.report.sweep.kept import KeptRun, load_kept
 from novelty.report.sweep.runs import SweepRuns
 
 SHOWN = 4
-"""Pairs at either end."""
+"""Pairs at either end at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +50,10 @@ def _kept_keys(runs: SweepRuns) -> list[str]:
 
 
 def _first_of_pairs(order: NDArray[np.int64], pairs: NDArray[np.int64]) -> list[int]:
-    """The first row of each pair, for the first pairs."""
+    """The first row of each pair, for the first pairs; at most half of all, so that no pair is at both ends."""
     _, firsts = np.unique(pairs[order], return_index=True)
-    return [int(row) for row in order[np.sort(firsts)[:SHOWN]]]
+    count = min(SHOWN, -(-len(firsts) // 2))
+    return [int(row) for row in order[np.sort(firsts)[:count]]]
 
 
 def _extreme(runs: SweepRuns, row: int, end: str) -> Extreme:

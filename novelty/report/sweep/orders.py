@@ -38,7 +38,7 @@ class Orders:
 
     Attributes:
         max_components: K_max of the runs that `shares` and `paths` are made of, the largest; None where unknown.
-        shares: Share of the scans (K_max,) whose mixture has 1, 2, ... components.
+        shares: Share of the scans whose mixture has 1, 2, ... components; those of shared mixtures may exceed K_max.
         paths: Description length above the least of its search, nats, against the order.
         chosen: K* against K_max; empty where K_max does not vary.
     """
@@ -64,7 +64,7 @@ def orders(runs: SweepRuns, study: Study) -> Orders:
     factor = runs.factor("max_components")
     return Orders(
         largest,
-        {name: _shares(chosen[rows], largest) for name, rows in widest.items()},
+        {name: _shares(chosen[rows]) for name, rows in widest.items()},
         {name: _quartiles(rises[:, rows].reshape(-1, rises.shape[2])) for name, rows in widest.items()},
         {} if factor is None else {name: _by_value(chosen, factor, rows) for name, rows in lines.items()},
     )
@@ -78,9 +78,8 @@ def _lines(runs: SweepRuns, study: Study) -> dict[str, NDArray[np.int64]]:
     }
 
 
-def _shares(chosen: NDArray[np.float64], largest: int) -> NDArray[np.float64]:
-    orders = chosen[~np.isnan(chosen)].astype(np.int64)
-    counts = np.bincount(orders, minlength=largest + 1)[1 : largest + 1]
+def _shares(chosen: NDArray[np.float64]) -> NDArray[np.float64]:
+    counts = np.bincount(chosen[~np.isnan(chosen)].astype(np.int64))[1:]
     return counts / max(int(counts.sum()), 1)
 
 

@@ -15,10 +15,12 @@ def pair_views(runs: SweepRuns, ends: Sequence[Extreme]) -> dict[str, dict[str, 
     """Figures of both directions, by the row of the run; nothing for runs that were not kept."""
     return {
         str(extreme.row): {
-            direction: scan_figure(scan, extreme.kept.changes[direction], direction, frame, "m", SMALL)
+            direction: scan_figure(
+                scan, extreme.kept.changes[direction], direction, frame, extreme.kept.unit, SMALL
+            )
             for direction, scan in extreme.kept.scans.items()
         }
         for extreme in ends
         if extreme.kept is not None
-        for frame in [Frame.around([scan.points for scan in extreme.kept.scans.values()])]
+        for frame in [Frame.around([scan.points for scan in extreme.kept.scans.values()]).below_ceiling()]
     }

@@ -79,7 +79,7 @@ def make_sweep(
         if pair in failing:
             row = _failed(row)
         elif pair in keep:
-            _keep(folder, row, pair)
+            keep_run(folder, row, pair)
         rows.append(row)
     for start in range(0, len(rows), shard):
         store.write(rows[start : start + shard])
@@ -172,9 +172,9 @@ def _failed(row):
     return {key: row[key] for key in kept} | {"status": "failed", "message": OUT_OF_POINTS}
 
 
-def _keep(folder, row, number):
+def keep_run(folder, row, number, num_points=800):
     """Labels and mixtures of a perfect answer, in the arrays that `SweepFolder` documents."""
-    pair = make_pair(seed=number, num_points=800, labels=True)
+    pair = make_pair(seed=number, num_points=num_points, labels=True)
     result = make_result(pair)
     scans = folder.scans_file(row["inputs"])
     arrays = {"center": np.zeros(3)}

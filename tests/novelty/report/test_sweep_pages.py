@@ -97,10 +97,31 @@ def test_every_score_has_a_figure_with_both_bands(runs, tmp_path):
 def test_pairs_that_were_kept_can_be_viewed_with_their_ellipsoids(runs, tmp_path):
     page = page_of(runs, tmp_path / "report.html")
     views = re.findall(r'<script type="application/json" id="run-\d+">(.*?)</script>', page, re.DOTALL)
-    assert len(views) == len(re.findall(r'data-run="', page)) == 8
+    assert len(views) == len(re.findall(r'data-run="', page)) == 6
     traces = json.loads(views[0])["added"]["data"]
     assert sum(trace["type"] == "mesh3d" for trace in traces) == 9
     assert any(trace["type"] == "scatter3d" for trace in traces)
+
+
+def test_the_metrics_that_the_sweep_names_come_first(tmp_path):
+    make_sweep(tmp_path)
+    (tmp_path / "sweep.yaml").write_text("metrics: [iou, kappa, mcc]")
+    effects = content_of(page_of(SweepRuns.read(tmp_path), tmp_path / "report.html"))["effects"]
+    assert list(effects["max_components"]) == ["iou", "kappa", "cramers_v", "uncertainty", "f1"]
+
+
+def test_the_rows_alone_are_enough(tmp_path):
+    make_sweep(tmp_path)
+    (tmp_path / "sweep.yaml").write_text("title: [")
+    (tmp_path / "starts").mkdir()
+    (tmp_path / "starts" / "1.json").write_text('{"command": "novelty sweep a.yaml --out b"}')
+    (tmp_path / "starts" / "2.json").write_text('{"command": "novelty sw')
+    page = page_of(SweepRuns.read(tmp_path), tmp_path / "report.html")
+    assert "<pre>novelty sweep a.yaml --out b</pre>" in page
+    (tmp_path / "sweep.yaml").unlink()
+    page = page_of(SweepRuns.read(tmp_path), tmp_path / "report.html")
+    assert f"<h1>{tmp_path.name}</h1>" in page
+    assert "max_components: 8" in page  # the configuration of a run
 
 
 def test_without_what_was_kept_the_page_says_how_to_keep_it(folders, tmp_path):
