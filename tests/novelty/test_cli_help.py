@@ -6,7 +6,7 @@ import pytest
 import novelty
 from novelty.cli import main
 
-COMMANDS = ("detect", "evaluate", "demo", "simulate", "doctor")
+COMMANDS = ("detect", "evaluate", "demo", "simulate", "sweep", "report", "doctor")
 
 
 def run(capsys, *arguments):
