@@ -96,7 +96,7 @@ class Poses:
     def _row(self, file: Path) -> int:
         scans = scans_like(file, besides=self.path)
         if len(scans) == len(self.matrices) and file in scans:
-            return scans.index(file)
+            return scans[file]
         time = _time(file.stem)
         if self.times is not None and time is not None:
             row = int(np.abs(self.times - time).argmin())
@@ -111,17 +111,25 @@ class Poses:
         )
 
 
-def scans_like(file: Path, besides: Path | None = None) -> list[Path]:
-    """The numbered files in the folder of a scan with the same extension, in the order of their numbers."""
-    listed = _numbered(file.parent, file.suffix, file.parent.stat().st_mtime_ns)
-    return [entry for entry in listed if entry != besides]
+def scans_like(file: Path, besides: Path | None = None) -> dict[Path, int]:
+    """The numbered files in the folder of a scan with the same extension, in the order of their numbers.
+
+    Args:
+        file: One of them.
+        besides: A file that is none of them, though it may look like it.
+
+    Returns:
+        The place of every file, counted from 0.
+    """
+    return _places(file.parent, file.suffix, besides, file.parent.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=16)
-def _numbered(folder: Path, suffix: str, _changed: int) -> tuple[Path, ...]:
-    """Remembered until the folder changes: a sequence asks once per scan."""
-    files = (entry for entry in folder.iterdir() if entry.suffix == suffix and number_of(entry) is not None)
-    return tuple(sorted(files, key=_sort_key))
+def _places(folder: Path, suffix: str, besides: Path | None, _changed: int) -> dict[Path, int]:
+    """Remembered until the folder changes: every scan of a sequence asks."""
+    files = [entry for entry in folder.iterdir() if entry.suffix == suffix and entry != besides]
+    numbered = sorted((entry for entry in files if number_of(entry) is not None), key=_sort_key)
+    return {entry: place for place, entry in enumerate(numbered)}
 
 
 def number_of(file: Path) -> int | None:

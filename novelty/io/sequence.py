@@ -73,7 +73,7 @@ def _groups(folder: Path) -> list[list[Path]]:
         for entry in folder.iterdir()
         if entry.suffix.lower() in READERS and number_of(entry) is not None
     }
-    return [scans_like(suffixes[suffix]) for suffix in sorted(suffixes)]
+    return [list(scans_like(suffixes[suffix])) for suffix in sorted(suffixes)]
 
 
 def _find_poses(folder: Path) -> Path:
