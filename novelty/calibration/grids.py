@@ -14,7 +14,7 @@ GRIDS: dict[str, dict[str, tuple[Any, ...]]] = {
     "unbalanced_emd": {"reach": (0.5, 0.6, 0.7, 0.85, 1.0), "share": (0.3, 0.4, 0.5, 0.6, 0.7)},
     "joint_mixture": {"share": (0.05, 0.1, 0.15, 0.2, 0.3, 0.4), "significance": (0.01, 0.05, 0.2)},
     "likelihood": {
-        "false_alarm_rate": (0.001, 0.003, 0.01, 0.03),
+        "false_discovery_rate": (0.01, 0.05, 0.2),
         "explained_share": (0.03, 0.1, 0.3),
         "quorum": (0.3, 0.5, 0.7),
     },

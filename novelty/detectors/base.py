@@ -28,6 +28,7 @@ class ComponentNovelty:
             points; None where points follow their components.
         p_values: float64 (P, K), probability of a score at least this high without any change; None where the
             detector has no null distribution.
+        point_p_values: float64 (N,), the same for every point; None likewise.
     """
 
     novel: torch.Tensor
@@ -37,6 +38,7 @@ class ComponentNovelty:
     reasons: tuple[tuple[str, ...], ...]
     point_scores: torch.Tensor | None = None
     p_values: torch.Tensor | None = None
+    point_p_values: torch.Tensor | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,7 +54,7 @@ class JointMixture(Detector):
         "becomes two.",
     )
     max_splits: int = Field(
-        default=3,
+        default=0,
         ge=0,
         description="Rounds of splits and EM; 0: the mixture as MDL leaves it, old and new in one component.",
     )

@@ -1,9 +1,12 @@
 """Novelty by likelihood: a component is novel when the other scan's mixture does not explain its points.
 
-A cell of points scores s = -log p(cell | reference), nats. How large a score may be without any change is read
-off the reference scan's own cells: the threshold is a high quantile of their scores, a false-alarm rate and not a
-length. Sparse surfaces score high in both scans; so the reference must also give the cell a small share of the
-density that the current scan's own mixture gives it. A component is novel when half of its points meet both.
+A cell of points scores s = log p(cell | its own scan) - log p(cell | the other scan), nats: how much better the scan's
+own mixture explains it. What the score may be without any change is measured on the other scan alone: its cells are
+dealt to two halves, each half gets its own mixture, and every cell is scored by the mixture of its half against that
+of the other half. Neighbouring cells are correlated, so whole blocks of them are dealt and not single ones.
+
+A component is novel when half of its points score high enough to matter, and when a score as high is so rare among the
+cells of the halves that the false discovery rate over all components of the scan holds (Benjamini & Hochberg 1995).
 """
 
 from __future__ import annotations
@@ -20,11 +23,13 @@ from gmmtorch import GaussianMixtures, PointClouds
 from gmmtorch.distances import mean_distance
 from gmmtorch.evaluation import Posterior
 from novelty.detectors.base import Comparison, ComponentNovelty, Detector
+from novelty.detectors.coupling import fit_coupled
 from novelty.detectors.empty import empty_side_notes
-from novelty.detectors.p_values import least_p_value
-from novelty.detectors.quantiles import grouped_order, weighted_quantiles
+from novelty.detectors.held_out import HeldOutScores
+from novelty.detectors.p_values import discoveries, least_p_value
+from novelty.detectors.quantiles import weighted_quantiles
 from novelty.detectors.resolution import blurred, cell_resolution
-from novelty.fitting import Models
+from novelty.fitting import FitPlan, Models, fit_independently
 from novelty.preprocess.prepared import PreparedPairs
 from novelty.section import section
 
@@ -33,29 +38,38 @@ from novelty.section import section
 class Likelihood(Detector):
     """A component is novel when the other scan's mixture does not explain its points (beyond the paper)."""
 
-    false_alarm_rate: float = Field(
-        default=0.01,
+    fits: Literal["coupled", "independent"] = Field(
+        default="coupled",
+        description="Whether both scans start from one common mixture, with components of their own where the other "
+        "scan explains them worst, or each is fitted on its own.",
+    )
+    coupled_iterations: int = Field(
+        default=1, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
+    )
+    false_discovery_rate: float = Field(
+        default=0.05,
         gt=0,
         lt=1,
-        description="Share of the reference scan's own points that its mixture may explain worse than the threshold.",
+        description="Expected share of unchanged components among those called novel (Benjamini and Hochberg).",
     )
     explained_share: float = Field(
         default=0.1,
         gt=0,
         lt=1,
-        description="A point is unexplained only where the reference mixture's density is below this share of the "
-        "current mixture's.",
+        description="A point counts as unexplained where the other scan's mixture gives it less than this share of the "
+        "density that its own scan's mixture gives it.",
     )
     quorum: float = Field(
         default=0.5,
         gt=0,
         le=1,
-        description="Share of a component's points that must lie beyond the threshold to make it novel.",
+        description="Share of a component's points that must be unexplained to make it novel.",
     )
     min_cells: int = Field(
         default=5,
         ge=1,
-        description="A component of fewer cells is never novel: a few cells that straddle a gap are no evidence.",
+        description="A component of fewer cells is never novel: a few cells that straddle a gap are no evidence. "
+        "Blocks of held-out cells are as large.",
     )
     resolution_floor: Literal["cell", "none"] = Field(
         default="cell",
@@ -63,12 +77,19 @@ class Likelihood(Detector):
         "finer than the sampling is a change, or none.",
     )
 
+    def fit(self, batch: PreparedPairs, plan: FitPlan) -> Models:
+        """Fit both scans of every pair, from a common mixture unless asked otherwise."""
+        if self.fits == "independent":
+            return fit_independently(batch, plan)
+        return fit_coupled(batch, plan, self.coupled_iterations)
+
     def compare(self, batch: PreparedPairs, models: Models) -> Comparison:
-        """Score the cells of each scan under the other scan's mixture."""
-        reference = _Scored.of(batch.reference.cells, self._floored(models.reference.mixtures, batch))
-        current = _Scored.of(batch.current.cells, self._floored(models.current.mixtures, batch))
-        added = self._judge(batch, models, reference, current)
-        removed = self._judge(batch.exchanged(), models.exchanged(), current, reference)
+        """Score the cells of each scan under the mixtures of both."""
+        resolution = self._resolution(batch)
+        reference = _Side.of(batch.reference.cells, models.reference.mixtures, resolution)
+        current = _Side.of(batch.current.cells, models.current.mixtures, resolution)
+        added = self._judge(batch, reference, current)
+        removed = self._judge(batch.exchanged(), current, reference)
         return Comparison(
             added=added,
             removed=removed,
@@ -77,118 +98,90 @@ class Likelihood(Detector):
             notes=empty_side_notes(batch),
         )
 
-    def _judge(
-        self, batch: PreparedPairs, models: Models, reference: _Scored, seen_by: _Scored
-    ) -> ComponentNovelty:
+    def _judge(self, batch: PreparedPairs, reference: _Side, current: _Side) -> ComponentNovelty:
         """Judge the current mixtures' components against the reference."""
-        current, mixtures = batch.current.cells, models.current.mixtures
-        # How badly the reference mixture explains the cells of the current scan.
-        explained = reference.mixtures.posterior(current)
-        seen = -explained.log_prob  # (N_current,)
-        # What a score may be without any change.
-        null = _Null.of(reference.scores, batch.reference.cells)
-        threshold = null.quantiles(1 - self.false_alarm_rate)[current.cloud_index]  # (N_current,)
-        # What the current scan's own mixture would let a score be.
-        expected = seen_by.scores - math.log(self.explained_share)
-        excess = seen - torch.maximum(threshold, expected)
-        # A component's score: the excess that the quorum of its points reaches.
-        claimed = mixtures.posterior(current)
-        groups = _component_of_cells(current, mixtures, claimed)
-        scores = _per_component(excess, current, mixtures, groups, 1 - self.quorum)  # (P, K)
-        enough = _count_per_component(groups, mixtures) >= self.min_cells
-        scores = torch.where(enough, scores, scores.clamp_max(0.0))
-        novel = scores > 0
-        claims = _common_claims(current, claimed, explained)  # (P, K, K')
+        cells, mixtures = current.cells, current.mixtures
+        explained = reference.mixtures.posterior(cells)
+        scores = current.posterior.log_prob - explained.log_prob  # (N,)
+        scores = torch.where(scores.isfinite(), scores, torch.nan)  # a mixture is empty
+        # A component's score: what the quorum of its points reaches.
+        groups = _component_of_cells(cells, mixtures, current.posterior)
+        groups = torch.where(scores.isnan(), -1, groups)
+        reached = _per_component(scores, cells, mixtures, groups, 1 - self.quorum)  # (P, K)
+        # How probable that is without a change.
+        null = HeldOutScores.of(
+            reference.cells, reference.mixtures, reference.posterior, reference.resolution, self.min_cells
+        )
+        p_values = null.p_values(reached)
+        significant = discoveries(p_values, self.false_discovery_rate)
+        # Few cells and scores that do not matter are no novelty, however rare.
+        enough = significant & (_count_per_component(groups, mixtures) >= self.min_cells)
+        excess = reached + math.log(self.explained_share)
+        excess = torch.where(enough, excess, excess.clamp_max(0.0))
+        novel = excess > 0
+        claims = _common_claims(cells, current.posterior, explained)  # (P, K, K')
         matches, distances = _best_explanations(claims, mixtures, reference.mixtures, novel)
+        of_cells = null.p_values_of(scores, cells)
+        point_scores = (scores + math.log(self.explained_share))[batch.current.cell_of_point]
         return ComponentNovelty(
             novel=novel,
-            scores=scores,
+            scores=excess,
             matches=matches,
             distances=distances,
-            reasons=self._reasons(mixtures, scores, matches, distances),
-            point_scores=excess[batch.current.cell_of_point],
-            p_values=null.p_values(_per_component(seen, current, mixtures, groups, 1 - self.quorum)),
+            reasons=self._reasons(mixtures, excess, p_values, matches, distances),
+            point_scores=point_scores,
+            p_values=p_values,
+            point_p_values=of_cells[batch.current.cell_of_point],
         )
 
-    def _floored(self, mixtures: GaussianMixtures, batch: PreparedPairs) -> GaussianMixtures:
-        if self.resolution_floor == "none":
-            return mixtures
-        return replace(mixtures, covariances=blurred(mixtures.covariances, cell_resolution(batch)))
+    def _resolution(self, batch: PreparedPairs) -> Tensor:
+        """Standard deviation of the floor, m (P,)."""
+        resolution = cell_resolution(batch)
+        return torch.zeros_like(resolution) if self.resolution_floor == "none" else resolution
 
     def _reasons(
-        self, mixtures: GaussianMixtures, scores: Tensor, matches: Tensor, distances: Tensor
+        self, mixtures: GaussianMixtures, excess: Tensor, p_values: Tensor, matches: Tensor, distances: Tensor
     ) -> tuple[tuple[str, ...], ...]:
         rows = zip(
             mixtures.num_components.tolist(),
-            scores.tolist(),
-            matches.tolist(),
-            distances.tolist(),
+            *(values.tolist() for values in (excess, p_values, matches, distances)),
             strict=True,
         )
         return tuple(
-            tuple(self._reason(*told) for told in zip(score[:k], match[:k], distance[:k], strict=True))
-            for k, score, match, distance in rows
+            tuple(self._reason(*told) for told in zip(*(row[:k] for row in told_of), strict=True))
+            for k, *told_of in rows
         )
 
-    def _reason(self, score: float, match: int, distance: float) -> str:
-        if math.isnan(score):
+    def _reason(self, excess: float, p_value: float, match: int, distance: float) -> str:
+        if math.isnan(excess):
             return "Claims no points, or there is nothing to compare it with."
-        if score > 0:
+        if excess > 0:
             return (
-                f"Novel: the other mixture explains {self.quorum:.0%} of its points worse, by {score:.3g} nats or "
-                f"more, than {self.false_alarm_rate:.2%} of that scan's own points, and gives them less than "
-                f"{self.explained_share:.0%} of the density they have here."
+                f"Novel: the other mixture gives {self.quorum:.0%} of its points less than {self.explained_share:.0%} "
+                f"of the density they have here, by {excess:.3g} nats or more; without a change p = {p_value:.2g}."
             )
-        if match < 0:
-            return "The other mixture explains its points."
-        return (
-            f"Explained by component {match} of the other mixture, {distance:.3g} m away; its points are "
-            f"{-score:.3g} nats from being novel."
+        kept = (
+            f"p = {p_value:.2g} without a change" if excess == 0 else f"{-excess:.3g} nats from being novel"
         )
+        if match < 0:
+            return f"The other mixture explains its points: {kept}."
+        return f"Explained by component {match} of the other mixture, {distance:.3g} m away: {kept}."
 
 
 @dataclass(frozen=True, eq=False)
-class _Scored:
-    """Mixtures with the resolution floor, and the scores of the cells that they were fitted to (N,)."""
+class _Side:
+    """One scan of every pair: its cells, its mixtures with the resolution floor, and what these say of the cells."""
 
+    cells: PointClouds
     mixtures: GaussianMixtures
-    scores: Tensor
+    posterior: Posterior
+    resolution: Tensor
 
     @classmethod
-    def of(cls, cells: PointClouds, mixtures: GaussianMixtures) -> _Scored:
-        """Score the cells."""
-        return cls(mixtures, -mixtures.log_prob(cells))
-
-
-@dataclass(frozen=True)
-class _Null:
-    """Scores that the reference scans give their own cells, packed: what no change looks like."""
-
-    scores: Tensor  # (N,)
-    weights: Tensor  # (N,)
-    clouds: Tensor  # (N,)
-    pieces: tuple[Tensor, ...]  # the scores of each of the P clouds, ascending
-
-    @classmethod
-    def of(cls, scores: Tensor, cells: PointClouds) -> _Null:
-        """The null distribution of every pair from its reference's cells."""
-        ascending = scores[grouped_order(scores, cells.cloud_index)]
-        return cls(scores, cells.weights, cells.cloud_index, cells.split(ascending))
-
-    def quantiles(self, level: float) -> Tensor:
-        """Score below which `level` of each reference's points lie (P,)."""
-        return weighted_quantiles(self.scores, self.weights, self.clouds, len(self.pieces), level)
-
-    def p_values(self, scores: Tensor) -> Tensor:
-        """(1 + cells that score at least as high) / (1 + cells), the conformal p-value (P, K).
-
-        Counts cells, not points: points of one cell are no independent evidence.
-        """
-        rows = []
-        for piece, asked in zip(self.pieces, scores, strict=True):
-            below = torch.searchsorted(piece, asked.nan_to_num(-torch.inf).contiguous())
-            rows.append((1 + len(piece) - below) / (1 + len(piece)))
-        return torch.where(scores.isnan(), torch.nan, torch.stack(rows))
+    def of(cls, cells: PointClouds, mixtures: GaussianMixtures, resolution: Tensor) -> _Side:
+        """Evaluate the mixtures once for both directions."""
+        floored = replace(mixtures, covariances=blurred(mixtures.covariances, resolution))
+        return cls(cells, floored, floored.posterior(cells), resolution)
 
 
 def _component_of_cells(cells: PointClouds, mixtures: GaussianMixtures, claimed: Posterior) -> Tensor:

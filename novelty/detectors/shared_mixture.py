@@ -17,7 +17,7 @@ import gmmtorch
 from gmmtorch import FitResult, GaussianMixtures, PointClouds, Status
 from gmmtorch.components import Components
 from gmmtorch.distances import hellinger_distance
-from novelty.detectors.moments import Moments, mixtures_of, moments_of, packed_mixtures
+from novelty.detectors.moments import Moments, claimed_moments, mixtures_of, moments_of, packed_mixtures
 from novelty.detectors.resolution import blurred, cell_resolution
 from novelty.detectors.united import fit_united, unite
 from novelty.fitting import FitPlan, Models, fitted_clouds
@@ -87,29 +87,9 @@ def _split(
 
 
 def _blurred_moments(mixtures: GaussianMixtures, cells: PointClouds, resolution: Tensor) -> Moments:
-    """Moments of each scan's cells inside every component, no finer than the resolution; those of none are 0 and I."""
-    claims = mixtures.responsibilities(cells) * cells.weights[:, None]  # (N, K)
-    spreads = cells.spreads
-    if spreads is None:
-        spreads = cells.points.new_zeros(len(cells.points), cells.dim, cells.dim)
-    origin = (mixtures.weights[..., None] * mixtures.means).sum(1)  # (P, 3): maps live far from zero
-    offsets = cells.points - origin[cells.cloud_index]
-    squares = (offsets[:, :, None] * offsets[:, None, :] + spreads).flatten(1)  # (N, 9)
-    pieces = cells.split(claims)
-    counts = torch.stack([piece.sum(0) for piece in pieces])
-    held = counts.clamp_min(torch.finfo(counts.dtype).tiny)[..., None]
-    first, second = (
-        torch.stack([piece.T @ part for piece, part in zip(pieces, cells.split(values), strict=True)]) / held
-        for values in (offsets, squares)
-    )
-    covariances = second.unflatten(2, (3, 3)) - first[..., :, None] * first[..., None, :]
-    present = counts > LEAST_POINTS
-    identity = torch.eye(3, dtype=counts.dtype, device=counts.device)
-    return Moments(
-        counts=counts,
-        means=torch.where(present[..., None], first + origin[:, None], 0.0),
-        covariances=torch.where(present[..., None, None], blurred(covariances, resolution), identity),
-    )
+    """Moments of each scan's cells inside every component, no finer than the resolution."""
+    moments = claimed_moments(mixtures, cells, mixtures.responsibilities(cells) * cells.weights[:, None])
+    return replace(moments, covariances=blurred(moments.covariances, resolution))
 
 
 def _hellinger(a: Moments, b: Moments) -> Tensor:

@@ -50,7 +50,7 @@ class UnbalancedEmd(Detector):
         description="Hellinger distance (0 to 1) between the two scans' points inside one component of a `shared` "
         "mixture above which it becomes two.",
     )
-    max_splits: int = Field(default=3, ge=0, description="Rounds of splits and EM of `shared` fits.")
+    max_splits: int = Field(default=0, ge=0, description="Rounds of splits and EM of `shared` fits.")
     ground_distance: GroundDistanceName = Field(
         default="hellinger",
         description="Distance between components: hellinger (overlap, 0 to 1), mean (m), bures (m), or combined "

@@ -234,4 +234,4 @@ def test_likelihood_points_agree_with_their_components():
     assert (scores[~inserted] > 0).mean() < 0.01
     assert comparison.p_value[0] < 0.1
     p_values = comparison.added.p_values[comparison.added.novel]
-    assert (p_values <= Likelihood().false_alarm_rate).all()
+    assert (p_values <= Likelihood().false_discovery_rate).all()

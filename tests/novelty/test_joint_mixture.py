@@ -43,7 +43,7 @@ def test_what_moved_by_its_own_size_is_new_here_and_gone_there():
     after = [*PLACES, (6, 0.8, 0)]
     batch = pairs((blobs(before, 0), blobs(after, 1)))
     plan = replace(PLAN, max_components=5)  # MDL can only put both places into one component
-    models, found = answer(JointMixture(), batch, plan)
+    models, found = answer(JointMixture(max_splits=3), batch, plan)
     moved = np.repeat([False] * 4 + [True], 400)
     assert (label(batch, models, found.added) == moved).mean() > 0.99
     assert (label(batch.exchanged(), models.exchanged(), found.removed) == moved).mean() > 0.99
