@@ -30,6 +30,13 @@ def make_pose(
     return pose
 
 
+def look_at(position: ArrayLike, target: ArrayLike) -> FloatArray:
+    """The upright pose (4, 4) at `position` (3,) whose x axis points at `target` (3,)."""
+    ahead = np.subtract(target, position)
+    yaw, pitch = np.arctan2(ahead[1], ahead[0]), -np.arctan2(ahead[2], np.hypot(ahead[0], ahead[1]))
+    return make_pose(position, yaw=float(np.degrees(yaw)), pitch=float(np.degrees(pitch)))
+
+
 def rotation(axis: ArrayLike, degrees: float) -> FloatArray:
     """Rotation matrix (3, 3) about `axis` (3,), by Rodrigues' formula."""
     x, y, z = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)

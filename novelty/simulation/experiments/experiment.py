@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from novelty.simulation.experiments.setup import Setup
 from novelty.simulation.pairs import sample_pair, simulate_pair
-from novelty.simulation.poses import make_pose
+from novelty.simulation.poses import FloatArray, look_at, make_pose
 from novelty.simulation.scenes import Scene, make_scene
 from novelty.simulation.simulated import SimulatedPair
 
@@ -72,6 +72,9 @@ class ExperimentPair:
         """
         setup = self.case.setup
         scene = make_scene(setup.scene, self.seed if setup.layout is None else setup.layout)
+        scene = replace(scene, viewpoint=_seen_from(scene.viewpoint, setup.stand))
+        if setup.stretch is not None:
+            scene = scene.with_stretch(*setup.stretch)
         if setup.spot is not None:
             scene = scene.with_focus(*setup.spot)
         return self._sampled(scene) if setup.samples else self._scanned(scene)
@@ -91,8 +94,10 @@ class ExperimentPair:
 
     def _scanned(self, scene: Scene) -> SimulatedPair:
         setup = self.case.setup
-        ahead, left, turn = setup.viewpoint
-        moved = scene.viewpoint @ make_pose((ahead, left, 0.0), turn)
+        origins = scene.viewpoint, _seen_from(scene.viewpoint, setup.viewpoint)
+        if setup.aim is not None:
+            target = (*scene.aim[:2], setup.aim)
+            origins = look_at(origins[0][:3, 3], target), look_at(origins[1][:3, 3], target)
         return simulate_pair(
             scene,
             self.seed,
@@ -102,7 +107,7 @@ class ExperimentPair:
             density=setup.density,
             noise=setup.noise,
             object_size=setup.object_size,
-            origins=(scene.viewpoint, moved),
+            origins=origins,
             reverse=setup.reverse,
             drift=setup.drift,
             mounting=setup.mounting,
@@ -141,3 +146,9 @@ class Experiment:
             for case in self.cases
             for repetition in range(self.repetitions)
         )
+
+
+def _seen_from(pose: FloatArray, offset: tuple[float, float, float]) -> FloatArray:
+    """The pose some metres ahead and to the left of another, turned by some degrees to the left."""
+    ahead, left, turn = offset
+    return pose @ make_pose((ahead, left, 0.0), turn)

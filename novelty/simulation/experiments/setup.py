@@ -50,6 +50,16 @@ class Setup:
         description="Where new objects go: m ahead and m to the left of the viewpoint, to within a hand's breadth; "
         "null: anywhere in sight.",
     )
+    stand: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Where the sensor stands in both scans, seen from the scene's own viewpoint: m ahead, m to the "
+        "left, degrees to the left.",
+    )
+    aim: float | None = Field(
+        default=None,
+        description="Height above the spot of the point that the sensor looks at in both scans, where rolled rays are "
+        "densest, m; null: straight ahead.",
+    )
     viewpoint: tuple[float, float, float] = Field(
         default=(0.0, 0.0, 0.0),
         description="Of the current scan seen from that of the reference: m ahead, m to the left, degrees to the left.",
@@ -57,6 +67,10 @@ class Setup:
     reverse: bool = Field(
         default=False,
         description="Whether the changed world is scanned first: what was added is then removed.",
+    )
+    stretch: tuple[float, float] | None = Field(
+        default=None,
+        description="The part of the scene's path that a robot drives, first and last x, m; null: all of it.",
     )
     drift: tuple[float, float] = Field(
         default=(0.0, 0.0),

@@ -58,17 +58,31 @@ class Scene:
         near = tuple((reach, 180.0) for reach in (0.15, 0.4, 1.0, 2.0))
         return replace(self, focus=transform(self.viewpoint, (forward, left, 0.0)), search=near)
 
+    def with_stretch(self, first: float, last: float) -> Scene:
+        """This scene with a path that leads from x = `first` to x = `last` at most, m.
+
+        Raises:
+            InputError: No path leads through the scene.
+        """
+        path = self._known_path().copy()
+        path[:, 0] = np.clip(path[:, 0], first, last)
+        return replace(self, path=path)
+
     def with_free_path(self) -> Scene:
         """This scene with nothing new in a robot's way.
 
         Raises:
             InputError: No path leads through the scene.
         """
-        if self.path is None:
-            raise InputError(f"No path for a robot leads through the scene {self.name!r}.")
-        ends = np.stack([self.path[:-1], self.path[1:]], axis=1)  # (W - 1, 2, 2)
+        path = self._known_path()
+        ends = np.stack([path[:-1], path[1:]], axis=1)  # (W - 1, 2, 2)
         lanes = np.stack([ends.min(axis=1) - ROBOT_RADIUS, ends.max(axis=1) + ROBOT_RADIUS], axis=1)
         return replace(self, keep_free=np.concatenate([self.keep_free, lanes]))
+
+    def _known_path(self) -> FloatArray:
+        if self.path is None:
+            raise InputError(f"No path for a robot leads through the scene {self.name!r}.")
+        return self.path
 
 
 def mesh_scene(

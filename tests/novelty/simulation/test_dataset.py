@@ -55,7 +55,7 @@ def test_the_origin_of_a_standing_sensor_is_in_the_manifest(tmp_path):
     (pair,) = load_pairs(tmp_path / "pairs.csv")
     assert np.array_equal(pair.current.origin, made.scans.current.origin)
     assert pair.current.origin.shape == (3,)
-    assert next(csv.DictReader((tmp_path / "conditions.csv").open()))["viewpoint"] == "[0.8, 0.5, -15]"
+    assert next(csv.DictReader((tmp_path / "conditions.csv").open()))["viewpoint"] == "[0.8, 0.5, 0]"
 
 
 def test_other_tools_read_the_points(mobile):
