@@ -93,7 +93,7 @@ OURS = (
 
 CLUSTERINGS = (
     Method("kmeans_paper", "k-means clusters + EMD", _paper("kmeans_mixture")),
-    Method("fuzzy_paper", "Lomenie's clusters + EMD", _paper("fuzzy_partition")),
+    Method("fuzzy_paper", "Loménie's clusters + EMD", _paper("fuzzy_partition")),
 )
 """Other clusterings in the place of the mixtures, compared by Algorithm 2 as printed."""
 
