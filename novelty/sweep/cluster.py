@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from typing import Any
 
 from novelty.errors import MissingDependencyError, NoveltyError
@@ -64,10 +65,15 @@ class Cluster(Executor):
         return Done(seat, rows, error=error)
 
     def _connect(self, address: str | None, seats: int | None) -> None:
-        own = {"num_cpus": seats, "include_dashboard": False} if address is None else {}
+        if address is None:
+            self._ray.init(
+                num_cpus=seats, include_dashboard=False, log_to_driver=False, logging_level="ERROR"
+            )
+            return
         try:
-            self._ray.init(address=address, log_to_driver=False, logging_level="ERROR", **own)
-        except (ConnectionError, ValueError, RuntimeError) as error:
+            _knock(address)
+            self._ray.init(address=address, log_to_driver=False, logging_level="ERROR")
+        except (ConnectionError, OSError, ValueError, RuntimeError) as error:
             raise NoveltyError(
                 f"no Ray cluster at {address!r}: {error}. Start one with `ray start --head`."
             ) from None
@@ -87,6 +93,13 @@ class _Actor:
         """Rows, and what stops the sweep."""
         done = answer(self._worker, 0, batch, upcoming)
         return done.rows, done.error
+
+
+def _knock(address: str) -> None:
+    """Fail at once where nobody listens at `host:port`; Ray itself would try for minutes."""
+    host, _, port = address.rpartition("://")[2].rpartition(":")
+    if host and port.isdecimal():
+        socket.create_connection((host, int(port)), timeout=10).close()
 
 
 def _ray() -> Any:

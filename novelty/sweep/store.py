@@ -106,7 +106,7 @@ class RowStore:
         self.folder.damaged.mkdir(parents=True, exist_ok=True)
         os.replace(shard, place)
         self.damaged.append(place)
-        _log.warning("%s is damaged (%s) and was set aside; its runs are computed again.", place, error)
+        _log.info("%s was set aside: %s", place, error)
 
 
 def read_rows(root: str | Path) -> pa.Table:
