@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from novelty.report.sweep.runs import Factor, SweepRuns
 from novelty.report.sweep.summary import METRICS, Group, Spread, summarise
 
@@ -19,7 +21,7 @@ class Study:
     Attributes:
         axis: What the scores are shown against; None where nothing but the series varies.
         series: What tells the lines apart: the detector where it varies; None for one line.
-        pooled: Factors that are averaged over.
+        pooled: Factors that are averaged over: those that vary among the runs with a value on the axis.
         groups: By (series, axis), the places in their values; a factor that is None has none.
     """
 
@@ -81,5 +83,7 @@ def series_factor(runs: SweepRuns) -> Factor | None:
 
 def _study(runs: SweepRuns, axis: Factor | None, series: Factor | None, columns: Sequence[str]) -> Study:
     by = [factor for factor in (series, axis) if factor is not None]
-    pooled = tuple(factor for factor in runs.factors if factor not in by)
-    return Study(axis, series, pooled, tuple(summarise(runs, by, columns)))
+    groups = tuple(summarise(runs, by, columns))
+    rows = np.concatenate([group.rows for group in groups])
+    pooled = tuple(f for f in runs.factors if f not in by and len(np.unique(f.codes[rows])) > 1)
+    return Study(axis, series, pooled, groups)

@@ -69,6 +69,8 @@ def test_a_study_per_factor_beside_the_detectors(swept):
     assert series_factor(runs).key == "detector"
     assert [study.key for study in cut] == ["max_components", "fit.initializer", "pose_error", "case"]
     assert [factor.key for factor in cut[0].pooled] == ["fit.initializer", "pose_error", "case"]
+    # of the runs with a pose error, all are of one case
+    assert [factor.key for factor in cut[2].pooled] == ["max_components", "fit.initializer"]
 
 
 def test_means_and_intervals_are_over_the_pairs(swept):
