@@ -20,8 +20,11 @@ import numpy as np
 import torch
 
 import gmmtorch
-from gmmtorch import GaussianMixtures, PointClouds, description_length, fit_em, fit_mdl
+from benchmarks.engine_precision import precision
+from gmmtorch import GaussianMixtures, PointClouds, description_length, fit_em, fit_mdl, greedy_removals
+from tests.gmmtorch.test_removals import changed_rooms
 from tests.helpers import room
+from tests.reference import transport as plain
 
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
@@ -157,7 +160,7 @@ def batches(runs: int) -> Iterator[Row]:
         runs,
     )
     yield Row("EM, 32 x 10000 points, K = 16, 50 iterations, float64", times[0], "loop of oneDAL", times[1])
-    sizes = np.random.default_rng(0).integers(500, 60_000, 40)
+    sizes = np.random.default_rng(0).integers(500, 60_000, 200)
     ragged = PointClouds.from_list([room(int(n), 1) for n in sizes])
     equal = PointClouds.from_list([room(int(sizes.mean()), 1)] * len(sizes))
     times = alternate(
@@ -187,31 +190,24 @@ def batches(runs: int) -> Iterator[Row]:
 
 
 def coarse_to_fine() -> Iterator[Row]:
-    """Order search on cells, polished on all points, against the search on all points."""
-    points = room(100_000)
-    clouds, cells = PointClouds.from_list([points]), cells_of(points, 0.2)
-
-    def polished() -> gmmtorch.EMResult:
-        coarse = fit_mdl(cells, 20).mixtures
-        return fit_em(clouds, initial=coarse, max_iterations=5, tolerance=None)
-
-    found: list[gmmtorch.FitResult] = []
-    times = timed(polished), timed(lambda: found.append(fit_mdl(clouds, 20)))
-    worse = (description_length(polished().mixtures, clouds) - found[0].mdl) / len(points)
-    yield Row("order search on 20 cm cells + 5 iterations, 100000 points", times[0], "on all points", times[1],
-              f"{float(worse[0]):+.4f} nats per point")  # fmt: skip
+    """Order search on cells of at most 16 points, polished on all points, against the search on all points."""
+    for n in (100_000, 1_000_000):
+        clouds = PointClouds.from_list([room(n)])
+        times = alternate(lambda: fit_mdl(clouds, 20, coarse=16), lambda: fit_mdl(clouds, 20), 1)  # noqa: B023
+        worse = (fit_mdl(clouds, 20, coarse=16).mdl - fit_mdl(clouds, 20).mdl) / n
+        yield Row(f"order search on cells, then all of {n} points", times[0], "on all points", times[1],
+                  f"{float(worse[0]):+.4f} nats per point")  # fmt: skip
 
 
-def cells_of(points: np.ndarray, size: float) -> PointClouds:
-    """Points summed up in cubes of this size (m): count, mean and covariance."""
-    keys = np.floor(points / size).astype(int)
-    _, cell, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-    cell = cell.ravel()
-    mean = np.stack([np.bincount(cell, points[:, a]) for a in range(3)], 1) / count[:, None]
-    away = points - mean[cell]
-    spread = np.zeros((len(count), 3, 3))
-    np.add.at(spread, cell, away[:, :, None] * away[:, None, :])
-    return PointClouds.from_list([mean], [count], [spread / count[:, None, None]])
+def removals(runs: int) -> Iterator[Row]:
+    """Algorithm 2 for 100 pairs of mixtures, against the plain loop over POT."""
+    a, b, cost = changed_rooms(0, 100, 16, 3)
+    times = alternate(
+        lambda: greedy_removals(*(torch.from_numpy(x) for x in (a, b, cost))),
+        lambda: [plain.greedy_removals(*pair) for pair in zip(a, b, cost, strict=True)],
+        runs,
+    )
+    yield Row("greedy EMD of 100 pairs, K = 16", times[0], "plain loop over POT", times[1])
 
 
 def memory(num_points: int) -> str:
@@ -241,7 +237,11 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=5, help="alternating runs of each comparison")
-    parser.add_argument("--only", choices=["memory", "em", "order", "batches"], help="one part of the table")
+    parser.add_argument(
+        "--only",
+        choices=["memory", "em", "order", "batches", "removals", "precision"],
+        help="one part of the table",
+    )
     parser.add_argument(
         "--sizes", type=int, nargs="+", default=[10_000, 30_000, 100_000], help="points for EM"
     )
@@ -264,6 +264,8 @@ def main() -> None:
         "em": lambda: fixed_order(1 if arguments.small else arguments.runs, sizes),
         "order": lambda: (row for n in order_sizes for row in order_search(n, num_clouds)),
         "batches": lambda: iter(()) if arguments.small else batches(arguments.runs),
+        "removals": lambda: removals(arguments.runs),
+        "precision": lambda: precision((1_000,) if arguments.small else sizes, num_clouds),
     }
     print(f"{'':<58} {'ours (s)':>9} {'peer (s)':>9}  {'ratio':>6}  peer")
     for name, rows in parts.items():

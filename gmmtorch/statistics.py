@@ -34,7 +34,8 @@ from gmmtorch.components import Components
 
 __all__ = ["Statistics", "Tiles", "expectation", "log_likelihood", "total_covariance"]
 
-TILE = 512
+_TILE = {torch.float64: 512, torch.float32: 128}
+"""Points of a tile: float32 loses digits with the distance to the tile's centre; larger tiles cost less."""
 _CHUNK_BYTES = 1 << 21  # of logits that pass at once: they stay in the second-level caches
 _CUDA_CHUNK_BYTES = 1 << 28
 _LARGEST_SLACK = 60.0  # of a start that is thinner than the floor: exp stays finite
@@ -85,8 +86,9 @@ class Tiles:
     @staticmethod
     def build(clouds: PointClouds) -> Tiles:
         """Sort, cut and lift a batch of normalised clouds."""
-        counts = tuple(-(-n // TILE) for n in clouds.sizes)
-        source, real = _tile_sources(clouds, counts)
+        length = _TILE[clouds.dtype]
+        counts = tuple(-(-n // length) for n in clouds.sizes)
+        source, real = _tile_sources(clouds, counts, length)
         points = clouds.points[source]  # (G, T, D)
         mask = real[..., None]
         centers = torch.where(mask, points, 0.0).sum(1) / real.sum(1, keepdim=True).clamp_min(1)
@@ -120,6 +122,11 @@ class Tiles:
     def dtype(self) -> torch.dtype:
         """Precision of the arithmetic."""
         return self.storage.features.dtype
+
+    @property
+    def length(self) -> int:
+        """Points of a tile T, padding included."""
+        return self.storage.features.shape[2]
 
     @property
     def on_cpu(self) -> bool:
@@ -291,7 +298,7 @@ def _pass_over_points(tiles: Tiles, eta: Tensor, sums: Tensor) -> tuple[Tensor, 
     moments, values = torch.empty_like(eta), eta.new_empty(num_tiles, 2, 1)
     chunks = _chunks(tiles, num_components, eta.dtype)
     size = max((rows.stop - rows.start for rows, _ in chunks), default=0)
-    spaces = [eta.new_empty(size, n, TILE) for n in (num_components, num_features, 2, 1)]
+    spaces = [eta.new_empty(size, n, tiles.length) for n in (num_components, num_features, 2, 1)]
     for rows, stored in chunks:
         likelihoods, weighted, totals, peak = (space[: rows.stop - rows.start] for space in spaces)
         features, weights = tiles.storage.features[stored], tiles.storage.weights[stored]
@@ -361,7 +368,7 @@ def lift(local: Tensor, spreads: Tensor | None, dtype: torch.dtype) -> Tensor:
 
 def _chunks(tiles: Tiles, num_components: int, dtype: torch.dtype) -> list[tuple[slice, slice]]:
     """Cut the runs into pieces of at least two tiles whose logits fit in the cache: tiles, places in the storage."""
-    size = torch.finfo(dtype).bits // 8 * TILE * num_components
+    size = torch.finfo(dtype).bits // 8 * tiles.length * num_components
     budget = _CUDA_CHUNK_BYTES if tiles.storage.features.is_cuda else _CHUNK_BYTES
     most = max(2, budget // size)
     chunks = []
@@ -441,14 +448,14 @@ def _sum_over_tiles(values: Tensor, tiles: Tiles) -> Tensor:
     return torch.nn.functional.embedding_bag(rows, values, tiles.starts, mode="sum")
 
 
-def _tile_sources(clouds: PointClouds, counts: Sequence[int]) -> tuple[Tensor, Tensor]:
+def _tile_sources(clouds: PointClouds, counts: Sequence[int], length: int) -> tuple[Tensor, Tensor]:
     """Point that fills each place of each tile (G, T) int64, and whether it is one, not padding (G, T) bool."""
     order = _spatial_order(clouds)
     device = clouds.device
     owner = _owners(counts, device)
     first_tile = torch.tensor(_starts(counts), device=device)[owner]
-    rank = (torch.arange(owner.shape[0], device=device) - first_tile)[:, None] * TILE
-    rank = rank + torch.arange(TILE, device=device)
+    rank = (torch.arange(owner.shape[0], device=device) - first_tile)[:, None] * length
+    rank = rank + torch.arange(length, device=device)
     sizes = torch.tensor(clouds.sizes, device=device)[owner, None]
     starts = torch.tensor(clouds.offsets[:-1], device=device)[owner, None]
     return order[starts + torch.minimum(rank, sizes - 1)], rank < sizes

@@ -13,7 +13,7 @@ from gmmtorch.components import Components
 from gmmtorch.em import EMState, em_step
 from gmmtorch.merging import merge_closest_pair
 from gmmtorch.problem import Workload, initial_components, prepare
-from gmmtorch.statistics import TILE, Storage, Tiles, expectation, log_likelihood
+from gmmtorch.statistics import Storage, Tiles, expectation, log_likelihood
 from tests.helpers import room
 
 SYNCHRONISING = {
@@ -87,8 +87,8 @@ def test_shapes_on_the_meta_device(num_tiles, num_components, dim, dtype, relaxa
         return torch.empty(*shape, dtype=dtype, device="meta")
 
     storage = Storage(
-        meta(num_tiles, dim, TILE), None, meta(num_tiles, 1, TILE, dtype=dtype),
-        meta(num_tiles, num_features, TILE, dtype=dtype), meta(num_tiles, dim),
+        meta(num_tiles, dim, 128), None, meta(num_tiles, 1, 128, dtype=dtype),
+        meta(num_tiles, num_features, 128, dtype=dtype), meta(num_tiles, dim),
     )  # fmt: skip
     tiles = Tiles(storage, (0, counts[0]), counts)
     work = Workload(tiles, *(meta(2) for _ in range(6)), relaxation=relaxation)
