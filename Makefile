@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 OPEN3D_LIBRARIES := libGL.so.1 libEGL.so.1 libX11.so.6 libusb-1.0.so.0 libudev.so.1 libidn2.so.0 libgomp.so.1
 OPEN3D_PACKAGES := libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1
 
-.PHONY: help setup system-libraries demo test test-all test-more lint format paper paper-fast bench bench-engine bench-accuracy clean
+.PHONY: help setup system-libraries demo test test-all test-more lint format paper paper-fast bench bench-engine bench-accuracy bench-sweeps clean
 
 help:
 	@echo "make demo       set up, simulate two scans of a corridor, find what changed, write the report"
@@ -16,6 +16,7 @@ help:
 	@echo "make bench      the benchmarks (pytest-benchmark), as bench.json and bench.html"
 	@echo "make bench-engine    the engine beside oneDAL, scikit-learn and gmcluster, in one table"
 	@echo "make bench-accuracy  how well changes are found, in seven tables (ARGS='--table mosd --seeds 2' for a part)"
+	@echo "make bench-sweeps    what sweeps cost and what they survive, in five points (ARGS='1 2 --small' for a part)"
 
 setup: $(VENV)/.installed
 
@@ -74,6 +75,9 @@ bench-engine: setup
 
 bench-accuracy: setup
 	$(BIN)/python -m benchmarks.accuracy $(ARGS)
+
+bench-sweeps: setup
+	$(BIN)/python -m benchmarks.sweeps $(ARGS)
 
 clean:
 	rm -rf $(VENV) demo-output paper-output accuracy-output .mypy_cache .pytest_cache .ruff_cache .hypothesis
