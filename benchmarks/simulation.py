@@ -1,9 +1,9 @@
 """`python -m benchmarks.simulation`: how fast scans are simulated, and how many points each platform delivers.
 
-Two tables. Rays: the full sensor model (casting, range noise, mixed pixels, lost returns, shadows) in million rays per
-second of processor time of one core. Pairs: two labelled scans of about 60 000 points together, scene and changes
-included. Best of several runs, after one warm-up. `--out DIR` writes what the sensors' figures are checked by: see
-`benchmarks.simulation_figures`.
+Three tables. Rays: the full sensor model (casting, range noise, mixed pixels, lost returns, shadows) in million rays
+per second of processor time of one core. Pairs: two labelled scans of about 60 000 points together, scene and changes
+included. Both the best of several runs, after one warm-up. Experiments: points of the first pair of every case.
+`--out DIR` writes what the sensors' figures are checked by: see `benchmarks.simulation_figures`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.simulation_figures import write_figures
+from novelty.scan import CHANGED
 from novelty.simulation import (
     SENSORS,
     Measurement,
@@ -91,15 +92,16 @@ def pairs_table(runs: int) -> None:
 
 
 def counts_table() -> None:
-    print(f"\n{'experiment':<18} {'case':<14} {'points':>8} {'changed':>8}")
+    print(f"\n{'experiment':<18} {'case':<14} {'points':>8} {'gone':>6} {'new':>6}")
     for name in experiment_names():
         seen = set()
         for pair in load_experiment(name).pairs():
             if pair.case.name in seen:
                 continue
             seen.add(pair.case.name)
-            scan = pair.simulate().scans.current
-            print(f"{name:<18} {pair.case.name:<14} {scan.num_points:>8} {int((scan.labels == 1).sum()):>8}")
+            scans = pair.simulate().scans
+            gone, new = (int((scan.labels == CHANGED).sum()) for scan in (scans.reference, scans.current))
+            print(f"{name:<18} {pair.case.name:<14} {scans.current.num_points:>8} {gone:>6} {new:>6}")
 
 
 def main() -> None:
