@@ -77,17 +77,17 @@ class ExperimentPair:
             scene = scene.with_stretch(*setup.stretch)
         if setup.spot is not None:
             scene = scene.with_focus(*setup.spot)
-        return self._sampled(scene) if setup.samples else self._scanned(scene)
+        return self._scanned(scene) if setup.samples is None else self._sampled(scene, setup.samples)
 
-    def _sampled(self, scene: Scene) -> SimulatedPair:
+    def _sampled(self, scene: Scene, density: float) -> SimulatedPair:
         setup = self.case.setup
         return sample_pair(
             scene,
             self.seed,
             setup.changes,
             name=self.name,
-            density=setup.samples or 0.0,
-            noise=setup.noise or 0.0,
+            density=density,
+            noise=0.01 if setup.noise is None else setup.noise,
             object_size=setup.object_size,
             reverse=setup.reverse,
         )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from novelty.scan import CHANGED, UNCHANGED
-from novelty.simulation import BodyState, World, sample_pair
+from novelty.simulation import BodyState, Case, ExperimentPair, Setup, World, sample_pair
 from novelty.simulation.sampling import sample_world
 from novelty.simulation.shapes import box
 
@@ -51,3 +51,12 @@ def test_reverse_exchanges_the_worlds_and_seeds_repeat():
     again = sample_pair("ideal_corridor", 4, reverse=True, **options)
     assert gone.scans.reference.points.tobytes() == again.scans.reference.points.tobytes()
     assert gone.scans.reference.points.tobytes() != gone.scans.current.points.tobytes()
+
+
+@pytest.mark.parametrize(("keys", "noise"), [({}, 0.01), ({"noise": 0.0}, 0.0), ({"noise": 0.05}, 0.05)])
+def test_an_experiment_of_samples_has_the_noise_asked_for(keys, noise):
+    setup = Setup(scene="ideal_corridor", samples=100, **keys)
+    scan = ExperimentPair("pair", Case("case", {}, setup), 0, 0).simulate().scans.reference
+    ceiling = np.abs(scan.points[:, 2] - 3.2) < 0.3
+    off_ceiling = scan.points[ceiling & (np.abs(scan.points[:, 1]) < 0.6), 2] - 3.2
+    assert off_ceiling.std() == pytest.approx(noise, rel=0.1, abs=1e-12)
