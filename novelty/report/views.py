@@ -151,16 +151,16 @@ def _point_traces(
         rows = np.flatnonzero(finite & (change.point_states == state))
         if not len(rows):
             continue
-        shown = points[_thin(rows, round(detail.points * style.most))]
+        shown = points[thin(rows, round(detail.points * style.most))]
         label = f"{style.name or kind} ({len(rows):,} points)".replace(",", " ")
         marker = {"size": style.size, "opacity": style.opacity, "color": style.colour or colour}
         if state is PointState.UNCHANGED:
             marker |= _shaded_by_height(frame.heights(shown))
-        traces.append(_scatter(shown, label, marker, style.name or "novel"))
+        traces.append(scatter(shown, label, marker, style.name or "novel"))
     return traces
 
 
-def _thin(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+def thin(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     """Evenly, with a jitter: a plain stride would show stripes on scans that are images."""
     if len(rows) <= most:
         return rows
@@ -177,7 +177,8 @@ def _shaded_by_height(heights: NDArray[np.float64]) -> dict[str, Any]:
     }
 
 
-def _scatter(points: NDArray[np.float64], name: str, marker: dict[str, Any], group: str) -> dict[str, Any]:
+def scatter(points: NDArray[np.float64], name: str, marker: dict[str, Any], group: str) -> dict[str, Any]:
+    """Points (N, 3) as one trace of the layer of points; `group` is its entry in the legend."""
     return {
         "type": "scatter3d",
         "mode": "markers",

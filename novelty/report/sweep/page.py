@@ -54,7 +54,7 @@ def write_sweep_page(
     """
     analysis = SweepAnalysis.of(runs)
     comparison = compare(runs, other, analysis.studies[0].series) if other is not None else None
-    views = pair_views(runs, analysis.ends)
+    views = pair_views(analysis.ends)
     page = _page(analysis, other, comparison, views)
     page["benchmarks"] = benchmark_tables(benchmarks) if benchmarks else []
     write_text(

@@ -18,6 +18,8 @@ from novelty.report.sweep import (
     write_sweep_page,
     write_sweep_plots,
 )
+from novelty.report.sweep.extremes import extremes
+from novelty.report.sweep.views import pair_views
 from tests.novelty.report.sweep_case import DETECTORS, make_sweep
 
 
@@ -101,6 +103,23 @@ def test_pairs_that_were_kept_can_be_viewed_with_their_ellipsoids(runs, tmp_path
     traces = json.loads(views[0])["added"]["data"]
     assert sum(trace["type"] == "mesh3d" for trace in traces) == 9
     assert any(trace["type"] == "scatter3d" for trace in traces)
+
+
+def test_points_that_were_called_wrongly_are_drawn_apart(tmp_path):
+    make_sweep(tmp_path, pairs=2, k_max=(8,), keep=(0, 1))
+    missed, alarms = 11, 7
+    for file in (tmp_path / "results").glob("*.npz"):
+        arrays = dict(np.load(file))
+        states = arrays["added_states"]
+        novel, unchanged = np.flatnonzero(states == 1), np.flatnonzero(states == 0)
+        states[novel[:missed]], states[unchanged[:alarms]] = 0, 1
+        np.savez(file, **arrays)
+    views = pair_views(extremes(SweepRuns.read(tmp_path)))
+    names = [trace["name"] for trace in next(iter(views.values()))["added"]["data"]]
+    assert f"missed ({missed} points)" in names
+    assert f"false alarm ({alarms} points)" in names
+    names = [trace["name"] for trace in next(iter(views.values()))["removed"]["data"]]
+    assert not any(name.startswith(("missed", "false alarm")) for name in names)
 
 
 def test_the_metrics_that_the_sweep_names_come_first(tmp_path):
