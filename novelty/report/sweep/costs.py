@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from novelty.report.sweep.runs import SweepRuns
 from novelty.report.sweep.studies import Study
-from novelty.report.sweep.summary import group_rows
 from novelty.sweep.rows import STAGES
 
 
@@ -37,10 +36,7 @@ class Costs:
 def costs(runs: SweepRuns, study: Study) -> Costs:
     """Add up what the rows say; lines are those of a study."""
     stages = {stage: np.nan_to_num(runs.numbers(f"seconds_{stage}")) for stage in STAGES}
-    by = [study.series] if study.series else []
-    groups = {
-        study.series_names[places[0] if places else 0]: rows for places, rows in group_rows(by, len(runs))
-    }
+    groups = study.lines(len(runs))
     if len(groups) > 1:
         groups["all"] = np.arange(len(runs))
     peaks = runs.numbers("peak_memory")

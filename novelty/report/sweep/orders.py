@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from novelty.report.sweep.runs import Factor, SweepRuns
 from novelty.report.sweep.studies import Study
-from novelty.report.sweep.summary import group_rows
 from novelty.sweep.rows import ROLES
 
 
@@ -58,7 +57,7 @@ def orders(runs: SweepRuns, study: Study) -> Orders:
     if not len(searched):
         return Orders(None, {}, {}, {})
     largest = int(searched.max())
-    lines = _lines(runs, study)
+    lines = study.lines(len(runs))
     widest = {name: rows[most[rows] == largest] for name, rows in lines.items()}
     rises = _rises(runs)
     factor = runs.factor("max_components")
@@ -68,14 +67,6 @@ def orders(runs: SweepRuns, study: Study) -> Orders:
         {name: _quartiles(rises[:, rows].reshape(-1, rises.shape[2])) for name, rows in widest.items()},
         {} if factor is None else {name: _by_value(chosen, factor, rows) for name, rows in lines.items()},
     )
-
-
-def _lines(runs: SweepRuns, study: Study) -> dict[str, NDArray[np.int64]]:
-    """The rows of each line."""
-    by = [study.series] if study.series else []
-    return {
-        study.series_names[places[0] if places else 0]: rows for places, rows in group_rows(by, len(runs))
-    }
 
 
 def _shares(chosen: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from novelty.report.sweep.runs import Factor, SweepRuns
-from novelty.report.sweep.summary import METRICS, Group, Spread, summarise
+from novelty.report.sweep.summary import METRICS, Group, Spread, group_rows, summarise
 
 MOST_SERIES = 8
 """Lines that a figure can hold and still be read."""
@@ -54,6 +55,13 @@ class Study:
     def axis_names(self) -> list[str]:
         """The values along the axis."""
         return [self.axis.text(k) for k in range(len(self.axis.values))] if self.axis else ["all runs"]
+
+    def lines(self, num_runs: int) -> dict[str, NDArray[np.int64]]:
+        """The runs of every line, as rows of the table, whether they have a value on the axis or not."""
+        by = [self.series] if self.series else []
+        return {
+            self.series_names[places[0] if places else 0]: rows for places, rows in group_rows(by, num_runs)
+        }
 
     def at(self, series: int, place: int) -> Group | None:
         """The runs of one line at one value; None where there are none."""
