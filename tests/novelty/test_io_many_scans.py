@@ -173,7 +173,7 @@ def test_the_only_cloud_of_a_bag_needs_no_part(tmp_path, name, storage, options)
     np.testing.assert_array_equal(scan.points, POINTS)
     np.testing.assert_array_equal(scan.labels, [0, 1, 2, 255])
     assert scan.origin is None
-    for file in path.glob("*.mcap"):
+    for file in [*path.glob("*.mcap"), *path.glob("*.db3")]:
         np.testing.assert_array_equal(read_scan(file).points, POINTS)
 
 

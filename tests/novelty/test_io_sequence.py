@@ -5,7 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from novelty import InputError
+from novelty.cli import main
 from novelty.io import Poses, read_entries, read_pairs, read_scan, read_sequence
+from tests.helpers import room
 
 NUM_SCANS = 4
 
@@ -214,3 +216,14 @@ def test_a_folder_without_scans_or_poses_is_refused(tmp_path, sequence):
     write_bin(sequence / "rear" / "000000.bin", np.zeros((1, 3)))
     with pytest.raises(InputError, match=r"found 1 like .*rear.*4 like .*velodyne.*Name the folder"):
         read_sequence(sequence)
+
+
+def test_the_command_brings_scans_together_by_their_poses(tmp_path, capsys):
+    for number, pose in enumerate(motions(2)):
+        write_bin(tmp_path / f"{number:06d}.bin", as_seen(room(3000), pose))
+    (tmp_path / "poses.txt").write_text(kitti_lines(motions(2)))
+    scans = [str(tmp_path / f"{number:06d}.bin") for number in range(2)]
+    with pytest.raises(SystemExit) as stop:
+        main(["detect", *scans, "--poses", str(tmp_path / "poses.txt")])
+    assert stop.value.code == 0
+    assert "No change found" in capsys.readouterr().out
