@@ -39,6 +39,7 @@ from novelty.sweep.rows import EXACT, STAGES
 from novelty.sweep.run import RunOptions, cores, make_plan, run_sweep
 from novelty.sweep.settings import canonical_json, settings_of
 from novelty.sweep.sources import SweepPair, pairs_of
+from novelty.sweep.store import RUN
 from novelty.sweep.sweep import Sweep, load_sweep
 
 SWEEPS = Path(__file__).parents[1] / "configs" / "sweeps"
@@ -147,13 +148,12 @@ def point_3(folder: Path, small: bool) -> None:
     say(f"{count} pairs undisturbed: {seconds:.0f} s")
     memory(whole, 20 if small else 100)
     for kill in range(KILLS):
-        process = start_command(killed, changes)
-        time.sleep(random.Random(kill).uniform(0.1, 0.35) * max(seconds, 60) / 2)
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
+        process, before = start_command(killed, changes), rows_in(killed)
+        wait_for(lambda: process.poll() is not None or rows_in(killed) > before)  # noqa: B023
+        time.sleep(random.Random(kill).uniform(0, seconds / 2 / KILLS))
+        os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-        done = sum(pq.read_metadata(shard).num_rows for shard in (killed / "rows").glob("[!.]*.parquet"))
-        say(f"kill {kill + 1}: {done} rows are safe")
+        say(f"kill {kill + 1}: {rows_in(killed)} rows are safe")
     run_command(killed, changes)
     say(compared(killed, whole))
 
@@ -206,16 +206,16 @@ def point_5(folder: Path, small: bool) -> None:
     shard.write_bytes(shard.read_bytes()[:2000])
     show_command(file, folder / "faults", "--memory", "3GB")
     say("--- a disk that fills up")
-    with full_disk(folder / "disk", "200k") as disk:
+    with full_disk(folder / "disk", "150k") as disk:
         if disk is None:
             say("skipped: mounting a small disk needs root")
             return
         small_sweep = SWEEPS / "scale.yaml"
-        show_command(small_sweep, disk / "out", "data.rooms.count=400", "grid.max_components=[5,10]")
+        show_command(small_sweep, disk / "out", "data.rooms.count=96", "grid.max_components=[5,10]")
         safe = len(read_rows(disk / "out"))
         subprocess.run(["mount", "-o", "remount,size=100m", str(disk)], check=True)
         say(f"{safe} rows are safe; after making room:")
-        show_command(small_sweep, disk / "out", "data.rooms.count=400", "grid.max_components=[5,10]")
+        show_command(small_sweep, disk / "out", "data.rooms.count=96", "grid.max_components=[5,10]")
         say(f"{len(read_rows(disk / 'out'))} rows")
 
 
@@ -248,11 +248,17 @@ def memory(root: Path, first: int) -> None:
         )
 
 
+def rows_in(root: Path) -> int:
+    """Rows in the shards of a folder, read or not."""
+    return sum(pq.read_metadata(shard).num_rows for shard in (root / "rows").glob("[!.]*.parquet"))
+
+
 def compared(one: Path, other: Path) -> str:
     """Whether two folders hold the same rows, and every row once."""
-    tables = [read_rows(root).to_pandas().sort_values("key").reset_index(drop=True) for root in (one, other)]
-    raw = sum(pq.read_metadata(shard).num_rows for shard in (one / "rows").glob("[!.]*.parquet"))
-    left, right = (table[[column for column in EXACT if column != "attempt"]] for table in tables)
+    tables = [
+        read_rows(root).to_pandas().sort_values(list(RUN)).reset_index(drop=True) for root in (one, other)
+    ]
+    left, right = (table[[column for column in EXACT if column != "key"]] for table in tables)
     paths = ["reference_mdl_path", "current_mdl_path"]
     flat = [table.drop(columns=paths) for table in (left, right)]
     exact = (
@@ -276,7 +282,7 @@ def compared(one: Path, other: Path) -> str:
         if close
         else "DIFFERENT"
     )
-    return f"{len(left)} rows against {len(right)}, {raw} in the shards, {same}"
+    return f"{len(left)} rows against {len(right)}, {rows_in(one)} in the shards, {same}"
 
 
 def written_pairs(folder: Path, count: int, points: int) -> Path:

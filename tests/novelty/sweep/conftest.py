@@ -12,7 +12,7 @@ from novelty.sweep.sweep import Sweep
 SMALL = {
     "data": {
         "rooms": {
-            "setup": {"scene": "room", "changes": ["box"], "noise": 0.01, "density": 0.05},
+            "setup": {"scene": "room", "changes": ["box"], "noise": 0.01, "density": 0.02},
             "seed": 1,
             "count": 2,
         }
@@ -23,7 +23,7 @@ SMALL = {
 
 @pytest.fixture
 def small() -> Sweep:
-    """Two pairs of 5 000 points a scan under four settings."""
+    """Two pairs of 2 000 points a scan under four settings."""
     return Sweep.from_mapping(SMALL)
 
 
