@@ -275,13 +275,10 @@ def _by_tensor_operations(
 def total_covariance(tiles: Tiles) -> Tensor:
     """Covariance of every whole cloud of a batch just built (B, D, D) float64, spreads included."""
     storage = tiles.storage
-    weights = storage.weights.double()  # (G, 1, T)
-    weighted = storage.local * weights
-    second = torch.bmm(weighted, storage.local.transpose(1, 2))  # (G, D, D)
-    packed = linalg.pack_symmetric(second)
-    if storage.spreads is not None:
-        packed = packed + (storage.spreads * weights).sum(-1)
-    moments = torch.cat([weights.sum(-1), weighted.sum(-1), packed], 1)[..., None]  # (G, F, 1)
+    features = storage.features
+    if features.dtype != torch.float64:  # the start of an exact plane does not survive float32
+        features = lift(storage.local, storage.spreads, torch.float64)
+    moments = torch.bmm(features, storage.weights.double().transpose(1, 2))  # (G, F, 1)
     about_origin = _about_means(moments, tiles.centers[..., None], tiles)
     counts, first, second = _parts(about_origin, tiles.centers.shape[1])
     counts = torch.where(counts > 0, counts, 1.0)[..., None]  # (B, 1, 1)
