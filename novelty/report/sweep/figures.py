@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from novelty.report.sweep.costs import Costs
@@ -18,15 +19,43 @@ PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8
 
 STAGE_COLOURS = ("#9fb7d9", "#0072b2", "#56b4e9", "#d55e00", "#e69f00", "#009e73", "#cc79a7")
 
+SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x", "star", "hexagon")
+
 INTERVAL, QUARTILES = "interval", "quartiles"
 """What a band shows: where the mean lies, or where half of the runs lie."""
 
 
+@dataclass(frozen=True)
+class Style:
+    """How one line is told from the others; markers shrink, so that lines which coincide are all seen.
+
+    Attributes:
+        name: What the legend calls it.
+        colour: Of line, band and marker.
+        symbol: Of the marker.
+        size: Of the marker, pixels.
+        compared: Whether it is that of a second sweep: in dashes, without bands.
+    """
+
+    name: str
+    colour: str
+    symbol: str
+    size: int
+    compared: bool
+
+    @classmethod
+    def of(cls, name: str, series: int, compared: bool = False) -> Style:
+        """The style of a series, by its place."""
+        place = series % len(PALETTE)
+        label = f"{name}, the other sweep" if compared else name
+        return cls(label, PALETTE[place], SYMBOLS[place], max(13 - 2 * place, 6), compared)
+
+
 def effect_figure(study: Study, metric: str, other: Study | None = None) -> Figure:
     """One score against the axis of a study: a line per series, a second sweep's in dashes."""
-    traces = _effect_traces(study, metric, "")
+    traces = _effect_traces(study, metric, compared=False)
     if other is not None:
-        traces += _effect_traces(other, metric, "dash")
+        traces += _effect_traces(other, metric, compared=True)
     xaxis: dict[str, Any] = {"title": {"text": study.axis_label}}
     figure = _figure(traces, xaxis, {"title": {"text": METRICS[metric]}})
     if study.axis is None or not study.axis.numeric:
@@ -35,64 +64,66 @@ def effect_figure(study: Study, metric: str, other: Study | None = None) -> Figu
     return figure
 
 
-def _effect_traces(study: Study, metric: str, dash: str) -> list[Figure]:
+def _effect_traces(study: Study, metric: str, compared: bool) -> list[Figure]:
     traces: list[Figure] = []
     numbers = study.axis.values if study.axis is not None and study.axis.numeric else None
-    draw = _whiskers if numbers is None else _band_and_line
+    draw = _whiskers if numbers is None else _bands_and_line
     values = study.axis_names if numbers is None else numbers
     for series, name in enumerate(study.series_names):
         scores = study.along(series, metric)
         x = [values[place] for place, _ in scores]
-        spreads = [spread for _, spread in scores]
         if x:
-            traces += draw(x, spreads, f"{name}, the other sweep" if dash else name, _colour(series), dash)
+            traces += draw(x, [spread for _, spread in scores], Style.of(name, series, compared))
     return traces
 
 
-def _band_and_line(x: list[Any], spreads: list[Spread], name: str, colour: str, dash: str) -> list[Figure]:
-    low, high = zip(*(_ends(spread) for spread in spreads), strict=True)
-    lower, upper = zip(*((spread.quartiles[0], spread.quartiles[2]) for spread in spreads), strict=True)
+def _bands_and_line(x: list[Any], spreads: list[Spread], style: Style) -> list[Figure]:
+    line = _line(x, [spread.interval.mean for spread in spreads], style)
+    if style.compared:
+        return [line]
+    bands = {INTERVAL: map(_ends, spreads), QUARTILES: (spread.quartiles[::2] for spread in spreads)}
+    traces = []
+    for band, ends in bands.items():
+        low, high = zip(*ends, strict=True)
+        traces.append(_band(x, low, high, style, band))
+    return [*traces, line]
+
+
+def _whiskers(x: list[Any], spreads: list[Spread], style: Style) -> list[Figure]:
+    """For values that have no order: points with bars, those of one value beside each other."""
     means = [spread.interval.mean for spread in spreads]
+    medians = [spread.quartiles[1] for spread in spreads]
     return [
-        *(
-            []
-            if dash
-            else [
-                _band(x, low, high, name, colour, INTERVAL),
-                _band(x, lower, upper, name, colour, QUARTILES),
-            ]
-        ),
-        _line(x, means, name, colour, dash),
+        _points(x, means, [_ends(spread) for spread in spreads], style, INTERVAL),
+        _points(x, medians, [spread.quartiles[::2] for spread in spreads], style, QUARTILES),
     ]
 
 
-def _whiskers(x: list[Any], spreads: list[Spread], name: str, colour: str, dash: str) -> list[Figure]:
-    """For values that have no order: a point and a bar beside each other."""
-    traces = []
-    for band in (INTERVAL, QUARTILES):
-        ends = [_ends(s) if band == INTERVAL else (s.quartiles[0], s.quartiles[2]) for s in spreads]
-        middle = [s.interval.mean if band == INTERVAL else s.quartiles[1] for s in spreads]
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "x": x,
-                "y": _plain(middle),
-                "name": name,
-                "legendgroup": name,
-                "offsetgroup": name,
-                "showlegend": not dash,
-                "marker": {"color": colour, "size": 9, "symbol": "diamond-open" if dash else "circle"},
-                "error_y": {
-                    "array": _plain(high - m for (_, high), m in zip(ends, middle, strict=True)),
-                    "arrayminus": _plain(m - low for (low, _), m in zip(ends, middle, strict=True)),
-                    "color": colour,
-                },
-                "meta": {"band": band},
-                "visible": band == INTERVAL,
-            }
-        )
-    return traces
+def _points(
+    x: list[Any], middle: list[float], ends: Sequence[Sequence[float]], style: Style, band: str
+) -> Figure:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": x,
+        "y": _plain(middle),
+        "name": style.name,
+        "legendgroup": style.name,
+        "offsetgroup": style.name,
+        "showlegend": not style.compared,
+        "marker": {
+            "color": style.colour,
+            "size": 9,
+            "symbol": f"{style.symbol}{'-open' * style.compared}",
+        },
+        "error_y": {
+            "array": _plain(high - m for (_, high), m in zip(ends, middle, strict=True)),
+            "arrayminus": _plain(m - low for (low, _), m in zip(ends, middle, strict=True)),
+            "color": style.colour,
+        },
+        "meta": {"band": band},
+        "visible": band == INTERVAL,
+    }
 
 
 def orders_figure(orders: Orders, study: Study) -> Figure | None:
@@ -111,7 +142,7 @@ def shares_figure(orders: Orders, study: Study) -> Figure | None:
             "x": list(range(1, len(shares) + 1)),
             "y": _plain(100 * shares),
             "name": name,
-            "marker": {"color": _colour(study.series_names.index(name))},
+            "marker": {"color": Style.of(name, study.series_names.index(name)).colour},
         }
         for name, shares in orders.shares.items()
         if shares.any()
@@ -128,7 +159,6 @@ def paths_figure(orders: Orders, study: Study) -> Figure | None:
     raised = {
         name: Quartiles(path.x, path.lower.clip(1), path.middle.clip(1), path.upper.clip(1))
         for name, path in orders.paths.items()
-        if len(path.x)
     }
     traces = _quartile_traces(raised, study.series_names)
     yaxis = {
@@ -164,46 +194,40 @@ def costs_figure(costs: Costs) -> Figure:
 def _quartile_traces(lines: Mapping[str, Quartiles], names: Sequence[str]) -> list[Figure]:
     traces: list[Figure] = []
     for name, line in lines.items():
-        colour = _colour(names.index(name))
-        x = line.x.tolist()
-        traces += [
-            _band(x, line.lower, line.upper, name, colour, INTERVAL),
-            _line(x, line.middle, name, colour, ""),
-        ]
+        style, x = Style.of(name, names.index(name)), line.x.tolist()
+        traces += [_band(x, line.lower, line.upper, style, INTERVAL), _line(x, line.middle, style)]
     return traces
 
 
-def _band(
-    x: list[Any], low: Iterable[float], high: Iterable[float], name: str, colour: str, band: str
-) -> Figure:
+def _band(x: list[Any], low: Iterable[float], high: Iterable[float], style: Style, band: str) -> Figure:
     return {
         "type": "scatter",
         "mode": "lines",
         "x": [*x, *x[::-1]],
         "y": [*_plain(low), *_plain(high)[::-1]],
         "fill": "toself",
-        "fillcolor": f"{colour}2e",
+        "fillcolor": f"{style.colour}2e",
         "line": {"width": 0},
         "hoverinfo": "skip",
-        "name": name,
-        "legendgroup": name,
+        "name": style.name,
+        "legendgroup": style.name,
         "showlegend": False,
         "meta": {"band": band},
         "visible": band == INTERVAL,
     }
 
 
-def _line(x: list[Any], y: Iterable[float], name: str, colour: str, dash: str) -> Figure:
+def _line(x: list[Any], y: Iterable[float], style: Style) -> Figure:
     return {
         "type": "scatter",
         "mode": "lines+markers",
         "x": x,
         "y": _plain(y),
-        "name": name,
-        "legendgroup": name,
-        "showlegend": not dash,
-        "line": {"color": colour, "width": 2, "dash": dash or "solid"},
-        "marker": {"size": 6},
+        "name": style.name,
+        "legendgroup": style.name,
+        "showlegend": not style.compared,
+        "line": {"color": style.colour, "width": 2, "dash": "dash" if style.compared else "solid"},
+        "marker": {"size": style.size, "symbol": style.symbol},
     }
 
 
@@ -222,10 +246,6 @@ def _ends(spread: Spread) -> tuple[float, float]:
     """Ends of the interval; the mean itself where there is one value."""
     interval = spread.interval
     return (interval.mean, interval.mean) if math.isnan(interval.low) else (interval.low, interval.high)
-
-
-def _colour(series: int) -> str:
-    return PALETTE[series % len(PALETTE)]
 
 
 def _plain(values: Iterable[float]) -> list[float | None]:

@@ -38,7 +38,8 @@ class Orders:
     Attributes:
         max_components: K_max of the runs that `shares` and `paths` are made of, the largest; None where unknown.
         shares: Share of the scans whose mixture has 1, 2, ... components; those of shared mixtures may exceed K_max.
-        paths: Description length above the least of its search, nats, against the order.
+        paths: Description length above the least of its search, nats, against the order; lines without a search, as
+            those of fits that start from another mixture, are left out.
         chosen: K* against K_max; empty where K_max does not vary.
     """
 
@@ -64,9 +65,15 @@ def orders(runs: SweepRuns, study: Study) -> Orders:
     return Orders(
         largest,
         {name: _shares(chosen[rows]) for name, rows in widest.items()},
-        {name: _quartiles(rises[:, rows].reshape(-1, rises.shape[2])) for name, rows in widest.items()},
+        _some(
+            {name: _quartiles(rises[:, rows].reshape(-1, rises.shape[2])) for name, rows in widest.items()}
+        ),
         {} if factor is None else {name: _by_value(chosen, factor, rows) for name, rows in lines.items()},
     )
+
+
+def _some(lines: dict[str, Quartiles]) -> dict[str, Quartiles]:
+    return {name: line for name, line in lines.items() if len(line.x)}
 
 
 def _shares(chosen: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -87,6 +94,10 @@ def _rises(runs: SweepRuns) -> NDArray[np.float64]:
     paths = [_matrix(runs.table[f"{role}_mdl_path"]) for role in ROLES]
     width = max(path.shape[1] for path in paths)
     both = np.stack([np.pad(p, ((0, 0), (0, width - p.shape[1])), constant_values=np.nan) for p in paths])
+    searched = (~np.isnan(both)).sum(
+        axis=2, keepdims=True
+    ) > 1  # an order that was not searched for has no path
+    both = np.where(searched, both, np.nan)
     least = np.min(np.where(np.isnan(both), np.inf, both), axis=2, initial=np.inf, keepdims=True)
     return both - np.where(np.isfinite(least), least, np.nan)
 

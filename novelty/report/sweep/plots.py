@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from novelty.errors import MissingDependencyError
 from novelty.io import replacing
 from novelty.report.sweep.costs import Costs, costs
-from novelty.report.sweep.figures import PALETTE, STAGE_COLOURS
+from novelty.report.sweep.figures import STAGE_COLOURS, SYMBOLS, Style
 from novelty.report.sweep.orders import Orders, orders
 from novelty.report.sweep.runs import SweepRuns
 from novelty.report.sweep.studies import Study, studies
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 METRICS = {"kappa": r"$\kappa$", "cramers_v": "$V$", "uncertainty": "$U$"}
 """The scores of the paper (section 3.1)."""
+
+MARKERS = dict(zip(SYMBOLS, "osD^Px*h", strict=True))
+"""matplotlib's names for the markers of the page."""
 
 WIDTH, ROW_HEIGHT = 7.2, 2.1
 """Inches; the width of a page with two columns."""
@@ -46,7 +49,7 @@ def write_sweep_plots(path: str | Path, runs: SweepRuns, other: SweepRuns | None
         for axes, (metric, symbol) in zip(row, METRICS.items(), strict=True):
             _draw_effect(axes, study, metric)
             if study.key in of_other:
-                _draw_effect(axes, of_other[study.key], metric, dashed=True)
+                _draw_effect(axes, of_other[study.key], metric, compared=True)
             axes.set_ylabel(symbol)
     found = orders(runs, cut[0])
     _draw_shares(grid[-1][0], found, cut[0])
@@ -68,37 +71,70 @@ def _load_figure() -> Any:
     return Figure
 
 
-def _draw_effect(axes: Axes, study: Study, metric: str, dashed: bool = False) -> None:
-    numbers = study.axis.values if study.axis is not None and study.axis.numeric else None
-    for series, name in enumerate(study.series_names):
-        scores = study.along(series, metric)
-        x = [place if numbers is None else numbers[place] for place, _ in scores]
-        means = [spread.interval.mean for _, spread in scores]
-        colour = PALETTE[series % len(PALETTE)]
-        if dashed:
-            axes.plot(x, means, color=colour, linestyle="--", linewidth=1.2)
-            continue
-        axes.plot(x, means, color=colour, linewidth=1.2, marker="o", markersize=2.5, label=name)
-        low, high = ([getattr(spread.interval, end) for _, spread in scores] for end in ("low", "high"))
-        axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
+def _draw_effect(axes: Axes, study: Study, metric: str, compared: bool = False) -> None:
     axes.set_xlabel("$K_{\\max}$" if study.key == "max_components" else study.axis_label)
-    if numbers is None:
+    if study.axis is not None and study.axis.numeric:
+        _draw_lines(axes, study, metric, compared)
+        if all(isinstance(value, int) for value in study.axis.values):
+            axes.locator_params(axis="x", integer=True)
+    else:
+        _draw_whiskers(axes, study, metric, compared)
         axes.set_xticks(range(len(study.axis_names)), study.axis_names, rotation=30, ha="right")
-    elif all(isinstance(number, int) for number in numbers):
-        axes.locator_params(axis="x", integer=True)
+
+
+def _draw_lines(axes: Axes, study: Study, metric: str, compared: bool) -> None:
+    values = study.axis.values if study.axis else ()
+    for series, name in enumerate(study.series_names):
+        style, scores = Style.of(name, series, compared), study.along(series, metric)
+        x = [values[place] for place, _ in scores]
+        means = [spread.interval.mean for _, spread in scores]
+        if compared:
+            axes.plot(x, means, color=style.colour, linestyle="--", linewidth=1)
+            continue
+        marker, size = MARKERS[style.symbol], style.size / 2.5
+        axes.plot(x, means, color=style.colour, linewidth=1, marker=marker, markersize=size, label=name)
+        low, high = ([getattr(spread.interval, end) for _, spread in scores] for end in ("low", "high"))
+        axes.fill_between(x, low, high, color=style.colour, alpha=0.18, linewidth=0)
+
+
+def _draw_whiskers(axes: Axes, study: Study, metric: str, compared: bool) -> None:
+    """For values that have no order: points with bars beside each other."""
+    count = len(study.series_names)
+    for series, name in enumerate(study.series_names):
+        style, scores = Style.of(name, series, compared), study.along(series, metric)
+        shift = 0.7 * ((series + 0.5 + 0.3 * compared) / count - 0.5)
+        x = [place + shift for place, _ in scores]
+        means = [spread.interval.mean for _, spread in scores]
+        below = [spread.interval.mean - spread.interval.low for _, spread in scores]
+        above = [spread.interval.high - spread.interval.mean for _, spread in scores]
+        axes.errorbar(
+            x,
+            means,
+            yerr=[below, above],
+            fmt=MARKERS[style.symbol],
+            color=style.colour,
+            markersize=3,
+            linewidth=1,
+            fillstyle="none" if compared else "full",
+            label=None if compared else name,
+        )
 
 
 def _draw_shares(axes: Axes, found: Orders, study: Study) -> None:
     for name, shares in found.shares.items():
         axes.step(
-            range(1, len(shares) + 1), 100 * shares, where="mid", linewidth=1.2, color=_colour(study, name)
+            range(1, len(shares) + 1),
+            100 * shares,
+            where="mid",
+            linewidth=1.2,
+            color=Style.of(name, study.series_names.index(name)).colour,
         )
     axes.set(xlabel="$K^*$", ylabel="share of scans [%]")
 
 
 def _draw_paths(axes: Axes, found: Orders, study: Study) -> None:
     for name, line in found.paths.items():
-        colour = _colour(study, name)
+        colour = Style.of(name, study.series_names.index(name)).colour
         axes.plot(line.x, line.middle.clip(1), color=colour, linewidth=1.2)
         axes.fill_between(
             line.x, line.lower.clip(1), line.upper.clip(1), color=colour, alpha=0.18, linewidth=0
@@ -130,7 +166,3 @@ def _finish(figure: Figure) -> None:
         figure.legend(
             handles, names, loc="outside upper center", ncols=min(len(names), 4), fontsize=7, frameon=False
         )
-
-
-def _colour(study: Study, name: str) -> str:
-    return PALETTE[study.series_names.index(name) % len(PALETTE)]

@@ -120,6 +120,17 @@ def test_orders_and_paths(swept):
         np.testing.assert_allclose(found.chosen[detector].middle, medians)
 
 
+def test_a_fit_without_order_search_has_no_path(tmp_path):
+    rows = make_sweep(tmp_path, k_max=(8,), detectors=DETECTORS[:2])
+    for row in rows:
+        row["attempt"] = 2
+        if row["detector"] == DETECTORS[0]:
+            row |= {f"{role}_mdl_path": [None] * 5 + [4e4] for role in ("reference", "current")}
+    RowStore(SweepFolder(tmp_path)).write(rows)
+    runs = SweepRuns.read(tmp_path)
+    assert list(orders(runs, studies(runs)[0]).paths) == [DETECTORS[1]]
+
+
 def test_costs_per_stage_and_on_the_clock(swept):
     runs, frame = swept
     spent = costs(runs, studies(runs)[0])
