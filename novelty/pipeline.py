@@ -18,6 +18,7 @@ from novelty.detectors import ComponentNovelty, PointNovelty
 from novelty.errors import InputError, NoveltyError
 from novelty.fitting import FitPlan, Models
 from novelty.preprocess import PreparedPairs, check_scan, prepare_pairs
+from novelty.put_aside import drop_measured
 from novelty.refinement import refine
 from novelty.registration import Registrations, register
 from novelty.result import Change, NoveltyResult, ResultStatus
@@ -170,6 +171,7 @@ def segment_current(
         segmented = refine(segmented, scans, others, resolution, config.refine)
     if visible:
         segmented = judge(segmented, scans, others, resolution, config.visibility)
+    segmented = drop_measured(segmented, scans, others, resolution)
     return drop_specks(segmented, scans, config.segment)
 
 

@@ -54,12 +54,17 @@ class Calibration:
         """Mean gain in kappa on held-out pairs, with a bootstrap interval over the pairs."""
         return bootstrap_interval(self.after - self.before)
 
+    @property
+    def gained(self) -> bool:
+        """Whether held-out pairs gained anything; if not, the settings as given are the better choice."""
+        return self.gain.mean > 0
+
 
 def calibrate(pairs: Sequence[FittedPair], config: Config, num_folds: int | None = None) -> Calibration:
     """Choose the settings of `config.detector` on labelled pairs.
 
-    U_T and U_R of `structural_matching` minimise the probability of error (section 3.2); the other detectors take
-    the combination of `GRIDS` with the highest mean kappa, the given one among equals.
+    U_T and U_R of `structural_matching` minimise the probability of error (section 3.2), the other detectors take the
+    combination of `GRIDS` with the highest mean kappa; the given settings stay unless others have a higher kappa.
 
     Args:
         pairs: At least two, fitted under `config`.
@@ -122,7 +127,7 @@ class _Scores:
 
 def _chooser(pairs: Sequence[FittedPair], config: Config, scores: _Scores) -> Chooser:
     if config.detector == STRUCTURAL:
-        return _by_least_error(pairs, config)
+        return _by_least_error(pairs, config, scores)
     if config.detector not in GRIDS:
         known = ", ".join([STRUCTURAL, *GRIDS])
         raise ConfigError(f"the detector {config.detector!r} has nothing to calibrate; choose from {known}.")
@@ -137,11 +142,21 @@ def _given(config: Config) -> Settings:
     return {f"{config.detector}.{key}": section[key] for key in GRIDS[config.detector]}
 
 
-def _by_least_error(pairs: Sequence[FittedPair], config: Config) -> Chooser:
+def _by_least_error(pairs: Sequence[FittedPair], config: Config, scores: _Scores) -> Chooser:
+    """Least probability of error; the given thresholds stay where these have a higher kappa on the same pairs."""
     pairings = [pairings_of(fitted, config.structural_matching) for fitted in pairs]
+    given = config.structural_matching
 
     def choose(rows: Sequence[int]) -> Settings:
         node, arc, _ = least_error_thresholds([pairings[row] for row in rows])
-        return {f"{STRUCTURAL}.node_threshold": node, f"{STRUCTURAL}.arc_threshold": arc}
+        thresholds = (
+            (given.node_threshold, given.arc_threshold),
+            (node, arc),
+        )  # `max` takes the first of equals
+        candidates = [
+            {f"{STRUCTURAL}.node_threshold": one, f"{STRUCTURAL}.arc_threshold": other}
+            for one, other in thresholds
+        ]
+        return max(candidates, key=lambda settings: scores.mean(rows, settings))
 
     return choose

@@ -70,6 +70,11 @@ def calibrate(
     with working("Comparing"):
         found = choose(fitted, settings, folds)
     _show(found, settings)
+    if not found.gained:
+        out.print(
+            f"[yellow]Nothing gained: the settings stay as given, {escape(str(out_file))} is not written.[/]"
+        )
+        return
     text = changed_yaml(settings.replace(**found.settings), _header(found, settings))
     write_text(out_file, text)
     out.print(f"Settings: {escape(str(out_file))}", soft_wrap=True)
@@ -104,8 +109,6 @@ def _show(found: Calibration, config: Config) -> None:
     table.add_row("mean", *(f"{_mean(values):.3f}" for values in (found.before, found.after)), style="bold")
     out.print(table)
     out.print(f"Gain on held-out pairs: {_gain(found)}")
-    if found.gain.mean <= 0:
-        out.print("[yellow]Nothing gained: keep the settings as they are.[/]")
     given = config.to_mapping()
     for key, value in found.settings.items():
         section, name = key.split(".")

@@ -166,25 +166,28 @@ def write_manifest(folder, pairs):
     return folder / "pairs.csv"
 
 
-def test_command_writes_a_configuration_that_can_be_read(tmp_path, pairs, capsys):
-    manifest, target = write_manifest(tmp_path, pairs[:2]), tmp_path / "found.yaml"
+def calibrated(folder, pairs, *settings):
+    """Run the command with these assignments; the file it was to write."""
+    target = folder / "found.yaml"
+    assignments = [word for setting in settings for word in ("--set", setting)]
     with pytest.raises(SystemExit) as stopped:
-        main(
-            [
-                "calibrate",
-                str(manifest),
-                "--detector",
-                "structural_matching",
-                "--set",
-                "max_components=12",
-                "--out",
-                str(target),
-            ]
-        )
+        main(["calibrate", str(write_manifest(folder, pairs)), *assignments, "--out", str(target)])
     assert stopped.value.code == 0
-    assert Config.from_yaml(target).detector == "structural_matching"
+    return target
+
+
+def test_command_writes_a_configuration_that_can_be_read(tmp_path, pairs, capsys):
+    bad = ("detector=nearest_neighbour", "nearest_neighbour.distance=5", "max_components=12")
+    target = calibrated(tmp_path, pairs[:2], *bad)
+    assert Config.from_yaml(target).nearest_neighbour.distance < 5
     assert Config.from_yaml(target).max_components == 12
-    assert "Gain on held-out pairs:" in capsys.readouterr().out
+    assert "Gain on held-out pairs: +" in capsys.readouterr().out
+
+
+def test_command_keeps_the_given_settings_where_nothing_is_gained(tmp_path, pairs, capsys):
+    target = calibrated(tmp_path, pairs[:2], "detector=structural_matching", "max_components=12")
+    assert not target.exists()
+    assert "the settings stay as given" in " ".join(capsys.readouterr().out.split())
 
 
 def test_command_names_the_line_of_an_unlabelled_pair(tmp_path, pairs, capsys):
