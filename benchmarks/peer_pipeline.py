@@ -66,7 +66,7 @@ class PeerPipeline:
         """Points that are neither outliers nor ground."""
         import open3d as o3d
 
-        cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(scan.points))
+        cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(scan.points.copy()))
         cloud, kept = cloud.remove_statistical_outlier(nb_neighbors=20, std_ratio=2.0)
         kept = np.asarray(kept)
         plane, inliers = cloud.segment_plane(
@@ -82,7 +82,7 @@ class PeerPipeline:
         from sklearn.mixture import GaussianMixture
 
         if self.voxel is not None:
-            cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+            cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.copy()))
             points = np.asarray(cloud.voxel_down_sample(self.voxel).points)
         fits = [GaussianMixture(k, random_state=0).fit(points) for k in range(1, self.max_components + 1)]
         best = min(fits, key=lambda fit: fit.bic(points))

@@ -47,7 +47,7 @@ def same(one: pa.Table, other: pa.Table) -> bool:
     )
 
 
-def manifest(folder, pairs):
+def listed(folder, pairs):
     """A manifest of pairs of point arrays."""
     lines = ["name,reference,current"]
     for name, scans in pairs.items():
@@ -145,7 +145,7 @@ def test_a_stopped_sweep_goes_on_where_it_was(small, tmp_path):
 
 def test_bad_pairs_are_rows_with_their_reason(tmp_path):
     good = two_scans(1)
-    data = manifest(
+    data = listed(
         tmp_path,
         {
             "good": good,
@@ -170,7 +170,7 @@ def test_bad_pairs_are_rows_with_their_reason(tmp_path):
 
 def test_failures_are_retried_on_request(tmp_path):
     good = two_scans(1)
-    data = manifest(tmp_path, {"good": good, "late": (good[0], None)})
+    data = listed(tmp_path, {"good": good, "late": (good[0], None)})
     described = Sweep.from_mapping({"data": data, "configuration": {"max_components": 3}})
     assert run_sweep(described, tmp_path / "out", HERE).failed == 1
     kept = run_sweep(described, tmp_path / "out", HERE)
@@ -188,7 +188,7 @@ def test_a_run_that_breaks_is_found_and_the_others_go_on(small, tmp_path, monkey
     compare = stages.compare_fitted
 
     def breaking(pairs, batch, registrations, models, config, clock):
-        if config.max_components == 8 and any(pair.name == "rooms-2" for pair in pairs):
+        if config.max_components == 8 and any(pair.name == "room-1" for pair in pairs):
             raise error("too much")
         return compare(pairs, batch, registrations, models, config, clock)
 
@@ -196,7 +196,7 @@ def test_a_run_that_breaks_is_found_and_the_others_go_on(small, tmp_path, monkey
     summary = run_sweep(small, tmp_path, HERE)
     failed = [row for row in read_rows(tmp_path).to_pylist() if row["status"] == status]
     assert (summary.computed, summary.failed) == (8, 2)
-    assert {(row["pair"], row["max_components"]) for row in failed} == {("rooms-2", 8)}
+    assert {(row["pair"], row["max_components"]) for row in failed} == {("room-1", 8)}
     assert all("too much" in row["message"] for row in failed)
 
 
@@ -312,9 +312,7 @@ def test_ctrl_c_ends_cleanly_and_says_how_to_continue(small_file, tmp_path):
 def test_a_scan_that_takes_all_memory_is_a_row(tmp_path):
     good = two_scans(1)
     rng = np.random.default_rng(0)
-    data = manifest(
-        tmp_path, {"good": good, "huge": (rng.normal(size=(30_000_000, 3)).astype("f4"), good[1])}
-    )
+    data = listed(tmp_path, {"good": good, "huge": (rng.normal(size=(30_000_000, 3)).astype("f4"), good[1])})
     described = Sweep.from_mapping({"data": data, "configuration": {"max_components": 3}})
     summary = run_sweep(described, tmp_path / "out", RunOptions(workers=1, memory=1.5e9))
     told = {row["pair"]: row["status"] for row in read_rows(tmp_path / "out").to_pylist()}
