@@ -167,11 +167,13 @@ def segment_current(
         segmented = label_points(scans.points, novelty)
         return judge(segmented, scans, others, resolution, config.visibility) if visible else segmented
     segmented = segment_points(scans.points, models.current.mixtures, novelty, config.segment)
-    if config.refine.method != "none" and config.chosen_detector.asks_refinement:
+    refined = config.refine.method != "none" and config.chosen_detector.asks_refinement
+    if refined:
         segmented = refine(segmented, scans, others, resolution, config.refine)
     if visible:
         segmented = judge(segmented, scans, others, resolution, config.visibility)
-    segmented = drop_measured(segmented, scans, others, resolution)
+    if refined:
+        segmented = drop_measured(segmented, scans, others, resolution)
     return drop_specks(segmented, scans, config.segment)
 
 

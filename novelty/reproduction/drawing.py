@@ -111,8 +111,8 @@ class Picture:
 
     def _fit(self, places: NDArray[np.float64]) -> None:
         """Cut the picture to what it shows."""
-        low, high = np.percentile(places, (0.1, 99.9), axis=0)
-        margin = 0.03 * (high - low).max()
+        low, high = np.percentile(places, (0.5, 99.5), axis=0)
+        margin = 0.04 * (high - low).max()
         (left, bottom), (right, top) = low - margin, high + margin
         self._axes.set_xlim(left, right)
         self._axes.set_ylim(bottom, top)

@@ -197,12 +197,12 @@ def _time_line(experiment: str, method: Method, rows: Sequence[Row]) -> Line:
 
 
 def spanned(span: Interval) -> str:
-    """A mean and its interval, cut to the range of kappa: 0.87 [0.80, 0.94]."""
+    """A mean and its interval, cut to the range of kappa: 0.870 [0.801, 0.939]."""
     if math.isnan(span.mean):
         return "–"
     if math.isnan(span.low):
         return f"{span.mean:.3f}"
-    return f"{span.mean:.3f} [{max(span.low, -1):.2f}, {min(span.high, 1):.2f}]"
+    return f"{span.mean:.3f} [{max(span.low, -1):.3f}, {min(span.high, 1):.3f}]"
 
 
 def _spaced(value: int) -> str:

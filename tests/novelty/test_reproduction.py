@@ -209,8 +209,8 @@ def test_printed_values_stand_beside_the_printed_methods_only():
 @pytest.mark.parametrize(
     ("span", "text"),
     [
-        (Interval(0.5, 0.4, 0.6, 10), "0.500 [0.40, 0.60]"),
-        (Interval(0.99, 0.9, 1.2, 3), "0.990 [0.90, 1.00]"),
+        (Interval(0.5, 0.4, 0.6, 10), "0.500 [0.400, 0.600]"),
+        (Interval(0.99, 0.9, 1.2, 3), "0.990 [0.900, 1.000]"),
         (Interval(0.5, math.nan, math.nan, 1), "0.500"),
         (Interval(math.nan, math.nan, math.nan, 0), "–"),
     ],
