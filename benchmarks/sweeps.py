@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import yaml
 
@@ -282,7 +283,9 @@ def compared(one: Path, other: Path) -> str:
         if close
         else "DIFFERENT"
     )
-    return f"{len(left)} rows against {len(right)}, {rows_in(one)} in the shards, {same}"
+    keys = ds.dataset(one / "rows", format="parquet").to_table(columns=["key"])["key"]
+    twice = len(keys) - len(keys.unique())
+    return f"{len(left)} rows against {len(right)}, {twice} in the shards twice, {same}"
 
 
 def written_pairs(folder: Path, count: int, points: int) -> Path:

@@ -27,7 +27,9 @@ UNITS = {"KB": 1e3, "MB": 1e6, "GB": 1e9}
 
 
 def sweep(
-    file: Annotated[Path, typer.Argument(metavar="SWEEP.yaml", help="Data and grid; see configs/sweeps.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="SWEEP.yaml", help="Data and grid, or kmax, robustness, mosd or scale.")
+    ],
     changes: Annotated[
         list[str] | None,
         typer.Argument(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
@@ -164,19 +165,36 @@ class Sweep:
             raise ConfigError("\n".join(_explained(item) for item in error.errors())) from None
 
 
-def load_sweep(path: str | Path, assignments: Sequence[str] = ()) -> Sweep:
-    """Read the YAML file of a sweep, changed by assignments such as `grid.max_components=[8,20]`.
+def sweep_names() -> list[str]:
+    """Names of the sweeps that come with the package."""
+    return sorted(path.stem for path in _folder().glob("*.yaml"))
+
+
+def load_sweep(file: str | Path, assignments: Sequence[str] = ()) -> Sweep:
+    """Read a sweep, changed by assignments such as `grid.max_components=[8,20]`.
 
     Paths in the file are relative to it, those in assignments to the working directory.
+
+    Args:
+        file: A YAML file, or a name in `sweep_names()`.
+        assignments: `key=value` each.
 
     Raises:
         ConfigError: The file is missing or is not YAML, or a key or a value is not valid.
     """
-    mapping = _with_paths(read_yaml_mapping(path), Path(path).resolve().parent)
+    path = _folder() / f"{file}.yaml" if str(file) in sweep_names() else Path(file)
+    mapping = _with_paths(read_yaml_mapping(path), path.resolve().parent)
     changes: dict[str, Any] = {}
     for assignment in assignments:
         _assign(changes, assignment)
     return Sweep.from_mapping(_merged(mapping, _with_paths(changes, Path.cwd())))
+
+
+def _folder() -> Path:
+    """Where the sweeps are: inside an installed package, beside it in a source tree."""
+    package = Path(str(files("novelty")))
+    installed, source = (root / "configs" / "sweeps" for root in (package, package.parent))
+    return installed if installed.is_dir() else source
 
 
 def _assign(mapping: dict[str, Any], assignment: str) -> None:

@@ -8,7 +8,7 @@ from novelty.sweep.folder import SweepFolder
 from novelty.sweep.inputs import HashedPair, InputHashes, run_key
 from novelty.sweep.settings import settings_of
 from novelty.sweep.sources import pairs_of
-from novelty.sweep.sweep import Sweep, load_sweep
+from novelty.sweep.sweep import Sweep, load_sweep, sweep_names
 
 ROOMS = {"setup": {"scene": "room", "changes": ["box"]}, "count": 2}
 
@@ -130,3 +130,10 @@ def test_the_key_of_a_run_follows_configuration_content_and_repetition(tmp_path)
 
 def test_every_default_is_written_out_and_read_back(small):
     assert Sweep.from_mapping(small.to_mapping()) == small
+
+
+@pytest.mark.parametrize("name", sweep_names())
+def test_the_ready_sweeps_are_valid(name, monkeypatch, data_dir):
+    monkeypatch.setenv("NOVELTY_DATA", str(data_dir))
+    described = load_sweep(name)
+    assert len(settings_of(described)) * len(pairs_of(described)) >= 50
