@@ -15,6 +15,7 @@ from gmmtorch.clouds import PointClouds
 from gmmtorch.coarsening import coarsen
 from gmmtorch.components import Components
 from gmmtorch.errors import ArgumentError, ShapeError, Status
+from gmmtorch.hierarchy import Groups
 from gmmtorch.initializers import initial_groups
 from gmmtorch.mixtures import GaussianMixtures
 from gmmtorch.normalization import NormalizedClouds, normalize
@@ -207,10 +208,17 @@ def feasible_components(
 
 
 def several_starts(
-    problem: Problem, num_components: Sequence[int], initializer: str, seed: int, n_init: int
+    problem: Problem,
+    num_components: Sequence[int],
+    initializer: str,
+    seed: int,
+    n_init: int,
+    initial: GaussianMixtures | None = None,
 ) -> tuple[Workload, Components]:
     """Several initialisations of every cloud, as a longer batch (n_init B,) over the same points."""
-    starts = [initial_components(problem, num_components, initializer, seed, i) for i in range(n_init)]
+    starts = [
+        initial_components(problem, num_components, initializer, seed, i, initial) for i in range(n_init)
+    ]
     clouds = list(range(len(num_components))) * n_init
     return problem.workload.take(clouds), Components.concatenate(starts)
 
@@ -223,7 +231,12 @@ def best_start(value: Tensor, n_init: int) -> Tensor:
 
 
 def initial_components(
-    problem: Problem, num_components: Sequence[int], initializer: str, seed: int, initialization: int
+    problem: Problem,
+    num_components: Sequence[int],
+    initializer: str,
+    seed: int,
+    initialization: int,
+    initial: GaussianMixtures | None = None,
 ) -> Components:
     """What the initialiser gives; where it gives means only, equal weights and the covariance of the whole cloud."""
     clouds = problem.normalized.clouds
@@ -232,13 +245,17 @@ def initial_components(
     present = torch.arange(slots, device=clouds.device) < counts
     if max(num_components) == 0:
         return Components.create(present.double(), *_nowhere(problem, slots))
-    start = initial_groups(initializer, clouds, num_components, seed, initialization)
+    identity = torch.eye(clouds.dim, dtype=torch.float64, device=clouds.device)
+    floor = problem.workload.added[:, None, None, None] * identity
+    known = None
+    if initial is not None:
+        given = components_from_mixtures(problem, initial)
+        known = Groups(given.weights, given.means, given.covariances - floor)
+    start = initial_groups(initializer, clouds, num_components, seed, initialization, known)
     if isinstance(start, Tensor):
         weights = present / counts.clamp_min(1).double()
         return Components.create(weights, start, problem.covariance[:, None].expand(-1, slots, -1, -1))
-    identity = torch.eye(clouds.dim, dtype=torch.float64, device=clouds.device)
-    covariances = start.covariances + problem.workload.added[:, None, None, None] * identity
-    return Components.create(torch.where(present, start.weights, 0.0), start.means, covariances)
+    return Components.create(torch.where(present, start.weights, 0.0), start.means, start.covariances + floor)
 
 
 def _nowhere(problem: Problem, slots: int) -> tuple[Tensor, Tensor]:

@@ -96,6 +96,7 @@ def fit_mdl(
     seed: int = 0,
     n_init: int = 1,
     initializer: str = "evenly_spaced",
+    initial: GaussianMixtures | None = None,
     criterion: str = "mdl",
     max_iterations: int = 100,
     min_std: float | None = None,
@@ -114,6 +115,8 @@ def fit_mdl(
         seed: of the random initialisers.
         n_init: initialisations of every fit, run as one batch; the shortest description is kept.
         initializer: name of an initialiser of `gmmtorch.INITIALIZERS`.
+        initial: mixtures to start from, one per fit, in the caller's units, of at most K_max components; the others are
+            seeded where they explain the cloud worst (initialiser `from_mixtures`).
         criterion: "mdl" (eq. 6), "bic", or "mml" (Figueiredo & Jain 2002).
         max_iterations: M-steps at most at each order; EM stops before when it gains at most
             0.01 (1 + D + D (D + 1) / 2) log(N D) nats.
@@ -133,13 +136,15 @@ def fit_mdl(
     """
     if max_iterations < 1 or n_init < 1:
         raise ArgumentError(f"max_iterations and n_init must be >= 1, got {max_iterations} and {n_init}")
+    if initial is not None:
+        initializer = "from_mixtures"
     value = criterion_named(criterion)
     problem = prepare(clouds, min_std, relative_floor, covariance_floor, "mdl", accelerate)
     searched = problem if coarse is None else problem.coarsened(coarse)
     if members is not None:
         problem, searched = problem.take(members), searched.take(members)
     held, before = feasible_components(searched, max_components)
-    workload, starts = several_starts(searched, held, initializer, seed, n_init)
+    workload, starts = several_starts(searched, held, initializer, seed, n_init, initial)
     found = search_orders(workload, starts, held * n_init, value, max_iterations, return_path)
     found = found.take(best_start(found.mdl, n_init))
     if coarse is not None:

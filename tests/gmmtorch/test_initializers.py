@@ -10,10 +10,16 @@ from gmmtorch.hierarchy import merged_groups
 from tests.helpers import blobs, hostile_clouds, room
 
 
+def known_to(name, clouds):
+    """Mixtures for the initialiser that needs some."""
+    return gmmtorch.fit_mdl(clouds, 2).mixtures if name == "from_mixtures" else None
+
+
 @pytest.mark.parametrize("name", sorted(INITIALIZERS))
 @pytest.mark.parametrize("kind", sorted(hostile_clouds()))
 def test_every_initializer_copes_with_hostile_clouds(name, kind):
-    fit = gmmtorch.fit_mdl(PointClouds.from_list([hostile_clouds()[kind], blobs(300)]), 4, initializer=name)
+    clouds = PointClouds.from_list([hostile_clouds()[kind], blobs(300)])
+    fit = gmmtorch.fit_mdl(clouds, 4, initializer=name, initial=known_to(name, clouds))
     for tensor in (fit.mixtures.weights, fit.mixtures.means, fit.mixtures.covariances):
         assert torch.isfinite(tensor).all()
 
@@ -21,9 +27,12 @@ def test_every_initializer_copes_with_hostile_clouds(name, kind):
 @pytest.mark.parametrize("name", sorted(INITIALIZERS))
 def test_a_start_does_not_depend_on_the_company(name):
     clouds = [room(900, seed=1), blobs(400), room(1500, seed=2)]
-    together = gmmtorch.fit_mdl(PointClouds.from_list(clouds), 6, initializer=name, seed=3)
-    for b, cloud in enumerate(clouds):
-        alone = gmmtorch.fit_mdl(PointClouds.from_list([cloud]), 6, initializer=name, seed=3)
+    batch = PointClouds.from_list(clouds)
+    known = known_to(name, batch)
+    together = gmmtorch.fit_mdl(batch, 6, initializer=name, initial=known, seed=3)
+    for b in range(len(clouds)):
+        own = None if known is None else known[b]
+        alone = gmmtorch.fit_mdl(batch[b], 6, initializer=name, initial=own, seed=3)
         means = together.mixtures[b].trim().means
         torch.testing.assert_close(alone.mixtures.trim().means, means, rtol=0, atol=1e-8)
 
@@ -74,3 +83,23 @@ def test_merged_groups_of_a_cloud_do_not_depend_on_the_orders_of_the_others():
         for mixed, own in zip(together, alone, strict=True):
             torch.testing.assert_close(mixed[cloud, :order], own[0], rtol=0, atol=0)
     assert (together.weights[0, 4:] == 0).all()
+
+
+def test_from_mixtures_finds_what_a_known_mixture_does_not_explain():
+    walls, box = room(3000), np.array([8.0, 0, 1]) + 0.2 * np.random.default_rng(0).normal(size=(300, 3))
+    before = gmmtorch.fit_mdl(PointClouds.from_list([walls]), 8)
+    changed = PointClouds.from_list([np.concatenate([walls, box])])
+    room_left = int(before.mixtures.num_components[0]) + 2
+    fit = gmmtorch.fit_mdl(changed, room_left, initial=before.mixtures)
+    nearest = (fit.mixtures.means[0] - torch.tensor([8.0, 0, 1])).norm(dim=1).amin()
+    assert float(nearest) < 0.1
+    unchanged = gmmtorch.fit_mdl(PointClouds.from_list([walls]), room_left, initial=before.mixtures)
+    assert float(unchanged.mdl[0]) <= float(before.mdl[0]) + 5.0
+
+
+def test_from_mixtures_asks_for_what_it_needs():
+    clouds = PointClouds.from_list([room(300)])
+    with pytest.raises(gmmtorch.ArgumentError, match="pass `initial`"):
+        gmmtorch.fit_mdl(clouds, 4, initializer="from_mixtures")
+    with pytest.raises(gmmtorch.ArgumentError, match="raise max_components"):
+        gmmtorch.fit_mdl(clouds, 1, initial=gmmtorch.fit_em(clouds, 3).mixtures)
