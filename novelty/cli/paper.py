@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from novelty.cli.terminal import command_line, err, out, working
+from novelty.cli.terminal import command_line, err, out, plain_table, working
 
 
 def paper(
@@ -23,14 +23,20 @@ def paper(
     """Run the paper's experiments, write its tables and figures in our numbers."""
     with working("Starting"):
         from novelty.report import make_folder
-        from novelty.reproduction import FAST, FULL, reproduce, write_files, write_page
+        from novelty.reproduction import FAST, FULL, matplotlib_figure, reproduce, write_files, write_page
 
+        matplotlib_figure()  # before minutes of work that could not be drawn
         extent = FAST if fast else FULL
         make_folder(out_folder)
     found = reproduce(extent, lambda step: err.print(f"{step} ...", style="dim"))
     with working("Drawing"):
         write_files(out_folder, found)
         write_page(out_folder / "paper.html", found, extent, command_line())
+    table = plain_table()
+    table.add_column("", no_wrap=True)
+    table.add_column("the paper, and our numbers", overflow="fold")
     for finding in found.findings:
-        out.print(f"[bold]{finding.verdict:>8}[/]  {escape(finding.claim)}", soft_wrap=True)
-    out.print(f"\nReport: {escape(str(out_folder / 'paper.html'))}", soft_wrap=True)
+        numbers = f"printed: {escape(finding.printed)}\nours: {escape(finding.ours)}"
+        table.add_row(f"[bold]{finding.verdict}[/]", f"{escape(finding.claim)}\n[dim]{numbers}[/]")
+    out.print(table)
+    out.print(f"Report: {escape(str(out_folder / 'paper.html'))}", soft_wrap=True)

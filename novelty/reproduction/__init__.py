@@ -1,5 +1,6 @@
 """The paper's experimental section in our numbers: every experiment, table and figure, beside what was printed."""
 
+from novelty.reproduction.drawing import matplotlib_figure
 from novelty.reproduction.findings import Finding, Verdict
 from novelty.reproduction.page import write_page
 from novelty.reproduction.rows import Row, write_rows
@@ -13,6 +14,7 @@ __all__ = [
     "Reproduction",
     "Row",
     "Verdict",
+    "matplotlib_figure",
     "reproduce",
     "write_files",
     "write_page",

@@ -62,7 +62,7 @@ class Picture:
 
     def __init__(self, view: View) -> None:
         self.view = view
-        figure = _matplotlib_figure()
+        figure = matplotlib_figure()
         self._figure = figure(figsize=(WIDTH, WIDTH), dpi=DPI)
         self._axes = self._figure.add_axes((0, 0, 1, 1))
         self._axes.set_aspect("equal")
@@ -141,7 +141,7 @@ def _rgb(colour: str) -> tuple[float, ...]:
     return tuple(int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
 
 
-def _matplotlib_figure() -> Any:
+def matplotlib_figure() -> Any:
     """Matplotlib's figure, without a window.
 
     Raises:

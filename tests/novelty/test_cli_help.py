@@ -6,7 +6,7 @@ import pytest
 import novelty
 from novelty.cli import main
 
-COMMANDS = ("detect", "evaluate", "demo", "simulate", "sweep", "report", "doctor")
+COMMANDS = ("detect", "evaluate", "demo", "simulate", "sweep", "report", "paper", "doctor")
 
 
 def run(capsys, *arguments):
