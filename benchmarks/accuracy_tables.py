@@ -296,8 +296,9 @@ def ablation(options: Options) -> list[Row]:
 
 INGREDIENTS = {
     "coupled fit": ("{}.fits", "independent"),
+    "components of its own": ("fit.unexplained_components", 0),
+    "merged start": ("fit.initializer", "evenly_spaced"),
     "floor": ("{}.resolution_floor", "none"),
-    "merging": ("{}.merge", "none"),
     "refinement": ("refine.method", "none"),
     "registration": ("registration.method", "none"),
     "visibility": ("visibility.method", "none"),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
@@ -14,6 +14,9 @@ from gmmtorch.evaluation import Posterior
 from novelty.detectors.moments import claimed_moments, mixtures_of
 from novelty.detectors.quantiles import grouped_order
 from novelty.detectors.resolution import blurred
+
+MOST_SCORED = 2000
+"""Cells of a scan that are scored, about; the least p-value is one over their number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +45,16 @@ class HeldOutScores:
             resolution: spread of every component beside that of its cells, as a standard deviation (P,) m.
             block: cells that are dealt together, neighbours in space.
         """
-        first = _first_half(cells, block)
-        log_probs = []
-        for half in (first, ~first):
-            claims = torch.where(half[:, None], posterior.responsibilities, 0.0) * cells.weights[:, None]
-            moments = claimed_moments(mixtures, cells, claims)
-            moments = replace(moments, covariances=blurred(moments.covariances, resolution))
-            log_probs.append(mixtures_of(moments).log_prob(cells))
-        scores = torch.where(first, log_probs[0] - log_probs[1], log_probs[1] - log_probs[0])
+        first, scored = _dealt(cells, block)
+        claims = posterior.responsibilities * cells.weights[:, None]
+        of_first = torch.where(first[:, None], claims, 0.0)
+        moments = claimed_moments(mixtures, cells, torch.cat([of_first, claims - of_first], 1))
+        moments = replace(moments, covariances=blurred(moments.covariances, resolution))
+        chosen, own = _members(cells, scored), first[scored]
+        one, other = (mixtures_of(half).log_prob(chosen) for half in moments.split(mixtures.num_slots))
+        scores = torch.where(own, one - other, other - one)
         scores = scores.nan_to_num(0.0)  # half of a scan without mixture: no evidence
-        return cls(cells.split(scores[grouped_order(scores, cells.cloud_index)]))
+        return cls(chosen.split(scores[grouped_order(scores, chosen.cloud_index)]))
 
     def p_values(self, scores: Tensor) -> Tensor:
         """(1 + held-out cells that score at least as high) / (1 + held-out cells), the conformal p-value (P, K)."""
@@ -70,14 +73,25 @@ def _p_values(null: Tensor, scores: Tensor) -> Tensor:
     return torch.where(scores.isnan(), torch.nan, (1 + len(null) - below) / (1 + len(null)))
 
 
-def _first_half(cells: PointClouds, block: int) -> Tensor:
-    """Which cells are of the first half (N,): blocks of neighbours are dealt in turn."""
-    halves = [torch.zeros(0, dtype=torch.bool)]
-    for points in cells.split(cells.points):
-        half = np.zeros(len(points), dtype=np.bool_)
-        if len(points):
+def _dealt(cells: PointClouds, block: int) -> tuple[Tensor, Tensor]:
+    """Which cells are of the first half, and which are scored (N,) each: blocks of neighbours are dealt in turn."""
+    first = torch.zeros(len(cells.points), dtype=torch.bool)
+    scored = torch.zeros(len(cells.points), dtype=torch.bool)
+    for start, end in itertools.pairwise(cells.offsets):
+        if end > start:
             # The leaves of a kd-tree, in its own order: neighbours in space stand together.
-            order = cKDTree(points.cpu().numpy(), leafsize=2 * block).indices
-            half[order] = np.arange(len(points)) // block % 2 == 0
-        halves.append(torch.from_numpy(half))
-    return torch.cat(halves).to(cells.device)
+            points = cells.points[start:end].cpu().numpy()
+            tree = cKDTree(points, leafsize=2 * block, compact_nodes=False, balanced_tree=False)
+            order = start + torch.from_numpy(tree.indices)
+            number = torch.arange(end - start) // block
+            first[order] = number % 2 == 0
+            scored[order] = number // 2 % max(1, (end - start) // MOST_SCORED) == 0
+    return first.to(cells.device), scored.to(cells.device)
+
+
+def _members(cells: PointClouds, chosen: Tensor) -> PointClouds:
+    """The chosen cells of every cloud."""
+    sizes = torch.stack([piece.sum() for piece in cells.split(chosen)]).tolist()
+    spreads = None if cells.spreads is None else cells.spreads[chosen]
+    offsets = tuple(itertools.accumulate(sizes, initial=0))
+    return PointClouds(cells.points[chosen], cells.weights[chosen], spreads, offsets, cells.dtype)

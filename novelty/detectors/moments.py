@@ -29,6 +29,13 @@ class Moments:
         """These moments with the counts of all other groups 0; `chosen` bool (P, K)."""
         return Moments(torch.where(chosen, self.counts, 0.0), self.means, self.covariances)
 
+    def split(self, size: int) -> tuple[Moments, Moments]:
+        """The first `size` groups, and the others."""
+        fields = (self.counts, self.means, self.covariances)
+        return Moments(*(values[:, :size] for values in fields)), Moments(
+            *(values[:, size:] for values in fields)
+        )
+
 
 def moments_of(mixtures: GaussianMixtures, points: Tensor) -> Moments:
     """Mixtures of that many points, (P,)."""

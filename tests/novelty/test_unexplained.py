@@ -1,0 +1,93 @@
+"""What the other scan does not explain, and scores measured on a scan's own halves."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.stats import false_discovery_control
+
+from gmmtorch import PointClouds
+from novelty import Scan, ScanPair
+from novelty.detectors.held_out import HeldOutScores
+from novelty.detectors.p_values import discoveries
+from novelty.detectors.unexplained import _squared_norms, find_unexplained
+from novelty.fitting import Fit, FitPlan, fit_independently
+from novelty.preprocess import Preprocess, prepare_pairs
+
+PLAIN = Preprocess(outliers="none", ground="none")
+
+
+def floor(seed, count=6000):
+    rng = np.random.default_rng(seed)
+    return np.column_stack([rng.uniform(0, 4, (count, 2)), rng.normal(0, 0.005, count)])
+
+
+def box(seed, centre, count=800, side=0.3):
+    return np.asarray(centre) + np.random.default_rng(seed).uniform(-side / 2, side / 2, (count, 3))
+
+
+def batch_of(reference, current):
+    return prepare_pairs([ScanPair(Scan(reference), Scan(current))], PLAIN)
+
+
+def test_what_is_new_gets_one_component_and_what_is_gone_another():
+    batch = batch_of(
+        np.vstack([floor(0), box(2, (1, 1, 0.6))]),
+        np.vstack([floor(1), box(3, (3, 3, 0.6)), box(4, (3, 1, 0.6), 300)]),
+    )
+    gone, new = find_unexplained(batch, 16)
+    assert (gone.groups.counts > 0).sum() == 1
+    assert (new.groups.counts > 0).sum() == 2
+    np.testing.assert_allclose(gone.groups.means[0, 0], (1, 1, 0.6), atol=0.03)
+    np.testing.assert_allclose(new.groups.means[0], [(3, 3, 0.6), (3, 1, 0.6)], atol=0.03)
+    np.testing.assert_allclose(new.groups.covariances[0, 0], 0.3**2 / 12 * np.eye(3), atol=2e-3)
+    assert new.groups.counts[0].sum() > 0.95 * 1100
+    assert new.explained(batch.current.cells).total_weights < 6100
+
+
+@pytest.mark.parametrize("most_groups", [0, 16])
+def test_the_same_scene_twice_leaves_nothing_unexplained(most_groups):
+    batch = batch_of(floor(0), floor(1))
+    for side in find_unexplained(batch, most_groups):
+        assert (side.groups.counts > 0).sum() == 0
+        assert side.cells.double().mean() <= 0.002
+
+
+def test_an_empty_scan_leaves_everything_explained():
+    batch = batch_of(floor(0), floor(1))
+    empty = batch.reference.cells
+    nothing = PointClouds(empty.points[:0], empty.weights[:0], empty.spreads[:0], (0, 0), empty.dtype)
+    object.__setattr__(batch.reference, "cells", nothing)
+    gone, new = find_unexplained(batch, 16)
+    assert len(gone.cells) == 0
+    assert not new.cells.any()
+
+
+def test_norms_by_cofactors_agree_with_solving(rng):
+    roots = rng.normal(size=(50, 3, 3)) * [1.0, 0.1, 0.01]
+    covariances = roots @ roots.transpose(0, 2, 1) + 1e-6 * np.eye(3)
+    offsets = rng.normal(size=(50, 3))
+    expected = np.einsum("ni,ni->n", offsets, np.linalg.solve(covariances, offsets[..., None])[..., 0])
+    np.testing.assert_allclose(_squared_norms(offsets, covariances), expected, rtol=1e-8)
+
+
+def test_discoveries_agree_with_scipy(rng):
+    p_values = torch.from_numpy(rng.uniform(0, 1, (40, 12)) ** 3)
+    expected = np.stack([false_discovery_control(row) <= 0.1 for row in p_values.numpy()])
+    np.testing.assert_array_equal(discoveries(p_values, 0.1), expected)
+    with_padding = torch.cat([p_values, torch.full((40, 3), torch.nan, dtype=torch.float64)], 1)
+    np.testing.assert_array_equal(discoveries(with_padding, 0.1)[:, :12], expected)
+    assert not discoveries(with_padding, 0.1)[:, 12:].any()
+
+
+def test_held_out_scores_centre_on_zero_and_give_large_scores_small_p_values():
+    batch = batch_of(floor(0), floor(1))
+    models = fit_independently(batch, FitPlan(Fit(), 6))
+    cells, mixtures = batch.reference.cells, models.reference.mixtures
+    null = HeldOutScores.of(cells, mixtures, mixtures.posterior(cells), torch.tensor([0.05]), 5)
+    assert len(null.scores[0]) > 100
+    assert abs(float(null.scores[0].median())) < 0.1
+    asked = torch.tensor([[-100.0, 100.0, torch.nan]], dtype=torch.float64)
+    p_values = null.p_values(asked)[0]
+    assert p_values[0] == 1
+    assert p_values[1] == pytest.approx(1 / (1 + len(null.scores[0])))
+    assert p_values[2].isnan()
