@@ -19,7 +19,8 @@ from gmmtorch.hierarchy import Groups
 from gmmtorch.initializers import initial_groups
 from gmmtorch.mixtures import GaussianMixtures
 from gmmtorch.normalization import NormalizedClouds, normalize
-from gmmtorch.statistics import Tiles, total_covariance
+from gmmtorch.statistics import total_covariance
+from gmmtorch.tiles import Tiles
 
 __all__ = [
     "CovarianceFloor",

@@ -13,7 +13,8 @@ from gmmtorch.components import Components
 from gmmtorch.em import EMState, em_step
 from gmmtorch.merging import merge_closest_pair
 from gmmtorch.problem import Workload, initial_components, prepare
-from gmmtorch.statistics import Storage, Tiles, expectation, log_likelihood
+from gmmtorch.statistics import expectation, log_likelihood
+from gmmtorch.tiles import Storage, Tiles
 from tests.helpers import room
 
 SYNCHRONISING = {
