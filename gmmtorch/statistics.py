@@ -16,6 +16,7 @@ compiled loop (Numba).
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, fields
 
 import torch
