@@ -46,10 +46,14 @@ class StructuralMatching(Detector):
         "relative to the distances it compares, or, as in the paper, metres.",
     )
     node_threshold: float = Field(
-        default=3.5, gt=0, description="U_T: two components may match below this distance (eq. 9)."
+        default=2.5,
+        gt=0,
+        description="U_T: two components may match below this distance (eq. 9); the paper's metres ask for 3.5.",
     )
     arc_threshold: float = Field(
-        default=1.0, gt=0, description="U_R: two matches may hold together up to this difference (eq. 11)."
+        default=1.5,
+        gt=0,
+        description="U_R: two matches may hold together up to this difference (eq. 11); the paper's metres ask for 1.",
     )
     length_scale: float = Field(
         default=1.0,

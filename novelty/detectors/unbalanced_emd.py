@@ -37,7 +37,7 @@ class UnbalancedEmd(Detector):
     """A component is novel when transport leaves most of its points without a partner (beyond the paper)."""
 
     fits: Literal["shared", "coupled", "independent"] = Field(
-        default="shared",
+        default="coupled",
         description="Whether both scans use the components of one mixture, start from one, or are fitted on their own.",
     )
     coupled_iterations: int = Field(
