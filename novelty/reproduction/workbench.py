@@ -93,10 +93,6 @@ class Workbench:
             for order in orders
         }
 
-    def chosen_orders(self, method: Method, settings: Mapping[str, Any]) -> list[int]:
-        """K* of the current scans, by MDL."""
-        return self.answer(method, settings).mixtures.num_components.tolist()
-
     def _answer(self, config: Config, models: _Stage) -> Answer:
         batch, registered = self._prepared(config), self._registered(config)
         aligned = self._aligned(config)

@@ -43,7 +43,8 @@ def exponential_memberships(points: Array, shares: Array, prototypes: Array, cov
         distances = []
         for p, v, f in zip(shares, prototypes, covariances, strict=True):
             exponent = (x - v) @ np.linalg.solve(f, x - v) / 2
-            distances.append(np.sqrt(np.linalg.det(f)) / p * np.exp(exponent))
+            with np.errstate(over="ignore"):  # infinitely far is far enough
+                distances.append(np.sqrt(np.linalg.det(f)) / p * np.exp(exponent))
         for k, d in enumerate(distances):
             memberships[n, k] = (1 / d) / sum(1 / other for other in distances)
     return memberships
