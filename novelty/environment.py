@@ -14,6 +14,7 @@ MODULES = {
     "numpy": "numpy",
     "scipy": "scipy",
     "pot": "ot",
+    "numba": "numba",
     "scikit-learn": "sklearn",
     "open3d": "open3d",
     "pydantic": "pydantic",

@@ -90,8 +90,9 @@ def test_a_scans_own_distances_follow_the_share_asked_for(share):
 def test_refinement_finds_what_shares_a_component_with_a_wall():
     pair = room_pair(seed=109, changes=("box",), density=0.3, object_size=0.3)
     truth, ignore = pair.current.labels == 1, pair.current.labels >= 2
-    coarse = Config(max_components=4).replace(**{"refine.method": "none"})
-    refined = novelty.detect(pair, Config(max_components=4))
+    shared = Config(max_components=4).replace(**{"fit.unexplained_components": 0})
+    coarse = shared.replace(**{"refine.method": "none"})
+    refined = novelty.detect(pair, shared)
     assert novelty.evaluate(truth, refined.added.point_labels, ignore).kappa > 0.7
     plain = novelty.detect(pair, coarse)
     assert not novelty.evaluate(truth, plain.added.point_labels, ignore).kappa > 0.5
