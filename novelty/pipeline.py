@@ -19,7 +19,7 @@ from novelty.errors import InputError, NoveltyError
 from novelty.fitting import FitPlan, Models
 from novelty.preprocess import PreparedPairs, check_scan, prepare_pairs
 from novelty.put_aside import drop_measured
-from novelty.refinement import refine
+from novelty.refinement import OffSurface, Refine, measure_off_surface, refine
 from novelty.registration import Registrations, register
 from novelty.result import Change, NoveltyResult, ResultStatus
 from novelty.scan import ScanPair
@@ -27,6 +27,9 @@ from novelty.segment import SegmentedPoints, label_points, segment_points
 from novelty.visibility import blind_notes, judge
 
 _log = logging.getLogger(__name__)
+
+Measured = dict[tuple[int, Refine], OffSurface]
+"""How far scans of a batch, by identity, are off the surfaces of the others."""
 
 
 def detect(pair: ScanPair, config: Config | None = None) -> NoveltyResult:
@@ -119,6 +122,7 @@ def compare_fitted(
     models: Models,
     config: Config,
     clock: Clock,
+    measured: Measured | None = None,
 ) -> list[NoveltyResult]:
     """Compare and segment pairs whose mixtures are known; the results have no timings.
 
@@ -129,16 +133,18 @@ def compare_fitted(
         models: Their mixtures, as the detector of `config` fits them.
         config: Settings of the detector and of everything after it.
         clock: Counts the seconds of every stage.
+        measured: Keeps what no detector has a say in for the next call with this batch.
     """
     detector = config.chosen_detector
+    measured = {} if measured is None else measured
     # Section 2.4: which components have no counterpart in the other mixture.
     with clock.stage("compare"):
         comparison = detector.compare(batch, models)
     # Algorithm 2, line 10: the points of those components; then what lies inside them and behind them.
     with clock.stage("segment"):
-        added = segment_current(batch, models, comparison.added, registrations, config)
+        added = segment_current(batch, models, comparison.added, registrations, config, measured)
         removed = segment_current(
-            batch.exchanged(), models.exchanged(), comparison.removed, registrations, config
+            batch.exchanged(), models.exchanged(), comparison.removed, registrations, config, measured
         )
     with clock.stage("objects"):
         notes = blind_notes(batch.reference, batch.current) if _asks_visibility(config) else [()] * len(pairs)
@@ -154,6 +160,7 @@ def segment_current(
     novelty: ComponentNovelty | PointNovelty,
     registrations: Registrations,
     config: Config,
+    measured: Measured | None = None,
 ) -> SegmentedPoints:
     """Label the points of the current scans: by component, refined, and judged by what the reference could see.
 
@@ -169,7 +176,10 @@ def segment_current(
     segmented = segment_points(scans.points, models.current.mixtures, novelty, config.segment)
     refined = config.refine.method != "none" and config.chosen_detector.asks_refinement
     if refined:
-        segmented = refine(segmented, scans, others, resolution, config.refine)
+        measured, key = {} if measured is None else measured, (id(scans), config.refine)
+        if key not in measured:
+            measured[key] = measure_off_surface(scans, others, resolution, config.refine)
+        segmented = refine(segmented, scans, measured[key], config.refine)
     if visible:
         segmented = judge(segmented, scans, others, resolution, config.visibility)
     if refined:

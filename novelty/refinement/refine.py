@@ -8,7 +8,7 @@ touches the floor stay with it.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -44,35 +44,59 @@ class Refine:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class OffSurface:
+    """How far the points of B scans are off the surfaces that the others measured; no detector has a say in it.
+
+    Attributes:
+        distances: squared, in variances of the surface (N,).
+        off: bool (N,), farther than unchanged points are.
+        comparable: bool (N,), False where the other scan is empty.
+    """
+
+    distances: torch.Tensor
+    off: torch.Tensor
+    comparable: torch.Tensor
+
+
+def measure_off_surface(
+    scans: PreparedScans, other: PreparedScans, resolution: torch.Tensor, settings: Refine
+) -> OffSurface:
+    """Measure B scans against the scans they are compared with.
+
+    Args:
+        scans: The B scans.
+        other: The B scans they are compared with, in the same frame.
+        resolution: (B,) m, see `surface_distances`.
+        settings: How to refine.
+    """
+    distances = surface_distances(scans.points, other.cells, resolution)  # (N,)
+    comparable = torch.tensor([size > 0 for size in other.cells.sizes])[scans.points.cloud_index]
+    off = (distances > _threshold(scans, resolution, settings)[scans.points.cloud_index]) & comparable
+    return OffSurface(distances, off, comparable)
+
+
 def refine(
-    segmented: SegmentedPoints,
-    scans: PreparedScans,
-    other: PreparedScans,
-    resolution: torch.Tensor,
-    settings: Refine,
+    segmented: SegmentedPoints, scans: PreparedScans, surface: OffSurface, settings: Refine
 ) -> SegmentedPoints:
     """Refine the labels of B scans against the scans they were compared with.
 
     Args:
         segmented: Labels that follow the components.
         scans: The B scans labelled.
-        other: The B scans they were compared with, in the same frame.
-        resolution: (B,) m, see `surface_distances`.
+        surface: How far their points are off the others' surfaces.
         settings: How to refine.
 
     Returns:
         The same with refined labels; the scores are distances from the other scan's surface in standard deviations.
         A scan compared with an empty one keeps its labels and scores.
     """
-    distances = surface_distances(scans.points, other.cells, resolution)  # (N,)
-    comparable = torch.tensor([size > 0 for size in other.cells.sizes])[scans.points.cloud_index]
-    off = (distances > _threshold(scans, resolution, settings)[scans.points.cloud_index]) & comparable
-    whole = segmented.labels & (_share_off(off, segmented, scans) >= settings.whole)
-    refined = states_of(whole | _majority_of_cell(off, scans.cell_of_point))
+    whole = segmented.labels & (_share_off(surface.off, segmented, scans) >= settings.whole)
+    refined = states_of(whole | _majority_of_cell(surface.off, scans.cell_of_point))
     return replace(
         segmented,
-        states=torch.where(comparable, refined, segmented.states),
-        scores=torch.where(comparable, distances.sqrt(), segmented.scores),
+        states=torch.where(surface.comparable, refined, segmented.states),
+        scores=torch.where(surface.comparable, surface.distances.sqrt(), segmented.scores),
     )
 
 

@@ -17,7 +17,7 @@ import torch
 
 from novelty.config import Config
 from novelty.fitting import FitPlan, Models
-from novelty.pipeline import Clock, compare_fitted
+from novelty.pipeline import Clock, Measured, compare_fitted
 from novelty.preprocess import PreparedPairs, PreparedScans, prepare_pairs
 from novelty.registration import Registrations, register
 from novelty.result import NoveltyResult
@@ -103,12 +103,17 @@ def _registered(pairs: tuple[ScanPair, ...], batch: PreparedPairs, prepared: _Br
     for branch in prepared.branches(lambda config: config.registration):
         registrations, seconds = _timed(partial(register, batch, branch.any.registration))
         aligned = batch.aligned(registrations.transforms)
+        measured: Measured = {}
         for posed in branch.charged("register", seconds, len(pairs)).branches(lambda c: (c.fit, c.seed)):
-            yield from _compared(pairs, aligned, registrations, posed)
+            yield from _compared(pairs, aligned, registrations, posed, measured)
 
 
 def _compared(
-    pairs: tuple[ScanPair, ...], batch: PreparedPairs, registrations: Registrations, posed: _Branch
+    pairs: tuple[ScanPair, ...],
+    batch: PreparedPairs,
+    registrations: Registrations,
+    posed: _Branch,
+    measured: Measured,
 ) -> Iterator[Outcome]:
     """Fit all orders for all detectors, then compare and label run by run (section 2.4)."""
     models, seconds = _timed(partial(_fits, batch, list(posed.configs.values())))
@@ -116,7 +121,7 @@ def _compared(
     for setting, config in fitted.configs.items():
         clock = Clock()
         own = models[config.chosen_detector, config.max_components]
-        results = compare_fitted(pairs, batch, registrations, own, config, clock)
+        results = compare_fitted(pairs, batch, registrations, own, config, clock, measured)
         seconds_each = {stage: total / len(pairs) for stage, total in clock.seconds.items()}
         for place, result in enumerate(results):
             yield Outcome(place, setting, replace(result, timings=fitted.owed | seconds_each))

@@ -187,10 +187,10 @@ def test_failures_are_retried_on_request(tmp_path):
 def test_a_run_that_breaks_is_found_and_the_others_go_on(small, tmp_path, monkeypatch, error, status):
     compare = stages.compare_fitted
 
-    def breaking(pairs, batch, registrations, models, config, clock):
+    def breaking(pairs, batch, registrations, models, config, clock, measured):
         if config.max_components == 8 and any(pair.name == "room-1" for pair in pairs):
             raise error("too much")
-        return compare(pairs, batch, registrations, models, config, clock)
+        return compare(pairs, batch, registrations, models, config, clock, measured)
 
     monkeypatch.setattr(stages, "compare_fitted", breaking)
     summary = run_sweep(small, tmp_path, HERE)
