@@ -54,20 +54,35 @@ def drop_measured(
 def _measured(
     points: Array, groups: NDArray[np.int64], returns: Array, resolution: float
 ) -> NDArray[np.bool_]:
-    """Which points (N,) are in a group among which there are returns."""
-    known = [g for g in range(groups.max(initial=-1) + 1) if _among(points[groups == g], returns, resolution)]
-    return np.isin(groups, known)
+    """Which points (N,) are in a group most of which has one of the returns (M, 3) nearby."""
+    known = np.zeros(len(points), dtype=bool)
+    novel = np.flatnonzero(groups >= 0)
+    if not len(novel) or not len(returns):
+        return known
+    members = np.split(
+        novel[np.argsort(groups[novel], kind="stable")], np.bincount(groups[novel]).cumsum()[:-1]
+    )
+    reaches = [_reach(points[group], resolution) for group in members]
+    tree = cKDTree(_around(points[novel], returns, max(reaches)), compact_nodes=False, balanced_tree=False)
+    for group, reach in zip(members, reaches, strict=True):
+        distances = tree.query(points[group], distance_upper_bound=reach, workers=-1)[0]
+        known[group] = np.isfinite(distances).mean() > MEASURED
+    return known
 
 
-def _among(group: Array, returns: Array, resolution: float) -> bool:
-    """Whether most of a group's points (n, 3) have a return (M, 3) nearby."""
+def _reach(group: Array, resolution: float) -> float:
+    """How near a return is as near as the points of a group (n, 3) are to each other, m; 0 for a single point."""
     if len(group) < 2:
-        return False
-    apart = cKDTree(group).query(group, k=[2])[0]
-    reach = max(AS_NEAR * float(np.median(apart)), resolution)
-    low, high = group.min(axis=0) - reach, group.max(axis=0) + reach
-    near = returns[((returns >= low) & (returns <= high)).all(axis=1)]
-    if not len(near):
-        return False
-    distances = cKDTree(near).query(group, distance_upper_bound=reach)[0]
-    return bool(np.isfinite(distances).mean() > MEASURED)
+        return 0.0
+    apart = cKDTree(group).query(group, k=[2], workers=-1)[0]
+    return max(AS_NEAR * float(np.median(apart)), resolution)
+
+
+def _around(points: Array, returns: Array, reach: float) -> Array:
+    """Returns (M, 3) in the box around the points, widened by the reach."""
+    inside = np.ones(len(returns), dtype=bool)
+    for low, high, column in zip(
+        points.min(axis=0) - reach, points.max(axis=0) + reach, returns.T, strict=True
+    ):
+        inside &= (column >= low) & (column <= high)
+    return returns[inside]

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
+from scipy.special import chdtri
 from torch import Tensor
 
 from gmmtorch import PointClouds
@@ -97,7 +97,7 @@ class _Cells:
         """Which cells are (n,), and the largest groups of them."""
         if not (most_groups and len(self.means) and len(other.means)):
             return np.zeros(len(self.means), dtype=np.bool_), []
-        usual = np.concatenate([self._from(self, 1), other._from(other, 1), [chi2.isf(FALSE_ALARM, df=3)]])
+        usual = np.concatenate([self._from(self, 1), other._from(other, 1), [chdtri(3, FALSE_ALARM)]])
         flags = self._from(other) > max(np.quantile(usual, 1 - FALSE_ALARM), usual[-1])
         return flags, self._groups(np.flatnonzero(flags), most_groups)
 
@@ -106,7 +106,9 @@ class _Cells:
         first, last = skipped, min(skipped + NEIGHBOURS, len(other.means))
         if first >= last:
             return np.empty(0)
-        _, rows = cKDTree(other.means).query(self.means, k=[*range(first + 1, last + 1)])  # (n, k)
+        _, rows = cKDTree(other.means).query(
+            self.means, k=[*range(first + 1, last + 1)], workers=-1
+        )  # (n, k)
         offsets = self.means[:, None] - other.means[rows]
         return _squared_norms(offsets, self.covariances[:, None] + other.covariances[rows]).min(axis=1)
 

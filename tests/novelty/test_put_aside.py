@@ -9,7 +9,7 @@ import torch
 from novelty import Scan, ScanPair
 from novelty.detectors import PointNovelty
 from novelty.preprocess import Preprocess, prepare_pairs
-from novelty.put_aside import _among, drop_measured
+from novelty.put_aside import _measured, drop_measured
 from novelty.segment import label_points
 
 
@@ -28,11 +28,11 @@ def ball(seed, count, centre=(0.5, 0.5, 1.0), radius=0.1):
 def test_returns_are_among_a_group_when_as_near_as_its_own_points(shift, known):
     group = ball(0, 300)
     returns = ball(1, 300, centre=(0.5, 0.5, 1.0 + shift))
-    assert _among(group, returns, 0.0) is known
+    assert (_measured(group, np.zeros(300, np.int64), returns, 0.0) == known).all()
 
 
 def test_few_strays_do_not_explain_a_dense_group():
-    assert not _among(ball(0, 500), ball(1, 12), 0.0)
+    assert not _measured(ball(0, 500), np.zeros(500, np.int64), ball(1, 12), 0.0).any()
 
 
 @pytest.mark.parametrize("put_aside", [True, False])
