@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         SystemExit: Always, with the exit code.
     """
     # Idle threads that spin for long slow every program on a busy machine down, this one first; those that sleep at
-    # once are late for the next of many short loops. Spinning for some 20 microseconds suits both; before torch is loaded.
+    # once are late for the next of many short loops. Spinning for some 20 microseconds suits both; set before torch.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("GOMP_SPINCOUNT", "10000")
     _collect_garbage_seldom()
