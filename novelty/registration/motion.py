@@ -42,13 +42,13 @@ class Motions:
 
     def then(self, steps: torch.Tensor) -> Motions:
         """These motions followed by exp of `steps` (P, 6): rotation vector (rad), translation (m)."""
-        rotation = torch.linalg.matrix_exp(cross_matrices(steps[:, :3]))
-        moved = (rotation @ self.translations[:, :, None])[:, :, 0] + steps[:, 3:]
-        return Motions(rotation @ self.rotations, moved)
+        rotation = rotations_of(steps[:, :3])
+        moved = _product(rotation, self.translations[:, :, None])[:, :, 0] + steps[:, 3:]
+        return Motions(_product(rotation, self.rotations), moved)
 
     def about(self, centres: torch.Tensor) -> Motions:
         """The same motions of coordinates whose origin is not at `centres` (P, 3)."""
-        turned = (self.rotations @ centres[:, :, None])[:, :, 0]
+        turned = _product(self.rotations, centres[:, :, None])[:, :, 0]
         return Motions(self.rotations, centres + self.translations - turned)
 
     def where(self, condition: torch.Tensor, other: Motions) -> Motions:
@@ -64,6 +64,20 @@ class Motions:
         sine = 0.5 * torch.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], dim=-1).norm(dim=-1)
         cosine = 0.5 * (self.rotations.diagonal(dim1=1, dim2=2).sum(-1) - 1)
         return torch.rad2deg(torch.atan2(sine, cosine))
+
+
+def rotations_of(vectors: torch.Tensor) -> torch.Tensor:
+    """exp [v]x of rotation vectors (P, 3), rad, by Rodrigues' formula, (P, 3, 3)."""
+    angle = vectors.square().sum(-1).sqrt()[:, None, None]
+    cross = cross_matrices(vectors)
+    half = torch.sinc(0.5 * angle / torch.pi)
+    identity = torch.eye(3, dtype=vectors.dtype)
+    return identity + torch.sinc(angle / torch.pi) * cross + 0.5 * half.square() * _product(cross, cross)
+
+
+def _product(left: torch.Tensor, right: torch.Tensor) -> torch.Tensor:
+    """Product of P small matrices, each rounded as it would be alone: the BLAS does not promise that."""
+    return (left[:, :, :, None] * right[:, None, :, :]).sum(2)
 
 
 def cross_matrices(vectors: torch.Tensor) -> torch.Tensor:

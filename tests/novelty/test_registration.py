@@ -8,6 +8,7 @@ from gmmtorch import PointClouds
 from novelty.preprocess.prepared import PreparedPairs, PreparedScans
 from novelty.preprocess.simplify import Scale, simplify
 from novelty.registration import Registration, Registrations, RegistrationStatus, register
+from novelty.registration.motion import cross_matrices, rotations_of
 from novelty.simulation.poses import random_motion, rotation, transform
 
 NOISE = 0.008
@@ -222,3 +223,13 @@ def test_a_fixed_camera_is_left_alone(data_dir):
         found = register(PreparedPairs(prepared.select([0]), prepared.select([1])), Registration())
         assert found.shift[0] < 0.002
         assert found.turn[0] < 0.05
+
+
+def test_rotations_are_the_exponentials_of_their_vectors_and_do_not_depend_on_the_batch():
+    lengths = torch.logspace(-9, 0.4, 40, dtype=torch.float64)[:, None]
+    vectors = lengths * torch.randn(40, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    together = rotations_of(vectors)
+    torch.testing.assert_close(together, torch.linalg.matrix_exp(cross_matrices(vectors)), rtol=0, atol=1e-14)
+    for n in range(40):
+        assert torch.equal(rotations_of(vectors[n : n + 1])[0], together[n])
+    assert torch.equal(rotations_of(torch.zeros(1, 3).double())[0], torch.eye(3).double())
