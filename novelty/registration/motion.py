@@ -67,7 +67,7 @@ class Motions:
 
 
 def rotations_of(vectors: torch.Tensor) -> torch.Tensor:
-    """exp [v]x of rotation vectors (P, 3), rad, by Rodrigues' formula, (P, 3, 3)."""
+    """Exp [v]x of rotation vectors (P, 3), rad, by Rodrigues' formula, (P, 3, 3)."""
     angle = vectors.square().sum(-1).sqrt()[:, None, None]
     cross = cross_matrices(vectors)
     half = torch.sinc(0.5 * angle / torch.pi)
