@@ -101,10 +101,7 @@ def kmeans_plus_plus(
     distance = torch.ones_like(share)
     means = []
     for k in range(max(num_components)):
-        bounds = (share * distance).cumsum(1)
-        chosen = torch.searchsorted(bounds, uniform[k] * bounds[:, -1:], right=True)
-        chosen = torch.minimum(chosen, (mask.sum(1, keepdim=True) - 1).clamp_min(0))
-        mean = torch.take_along_dim(points, chosen[..., None], 1)  # (B, 1, D)
+        mean = _drawn(points, mask, share * distance, uniform[k])
         to_mean = (points - mean).square().sum(-1)
         distance = to_mean if k == 0 else torch.minimum(distance, to_mean)
         means.append(mean)
@@ -185,10 +182,7 @@ def _worst_explained(
     uniform = _uniform(count, generator).to(clouds.device)
     distance, seeds, widths = torch.ones_like(share), [], []
     for k in range(count):
-        bounds = (share * excess * distance).cumsum(1)
-        chosen = torch.searchsorted(bounds, uniform[k] * bounds[:, -1:], right=True)
-        chosen = torch.minimum(chosen, (mask.sum(1, keepdim=True) - 1).clamp_min(0))
-        seed = torch.take_along_dim(points, chosen[..., None], 1)  # (B, 1, D)
+        seed = _drawn(points, mask, share * excess * distance, uniform[k])
         to_seed = (points - seed).square().sum(-1)
         near = torch.where(mask, to_seed, torch.inf).topk(min(_NEIGHBOURS, points.shape[1]), largest=False)
         widths.append(near.values.amax(1).nan_to_num(posinf=1.0).clamp_min(_NARROWEST**2).sqrt())
@@ -229,6 +223,14 @@ def _points_at(clouds: PointClouds, position: Tensor) -> Tensor:
     inside = torch.minimum(position, (sizes - 1).clamp_min(0))
     last = max(clouds.points.shape[0] - 1, 0)
     return clouds.points[(starts + inside).clamp_max(last)]
+
+
+def _drawn(points: Tensor, mask: Tensor, density: Tensor, uniform: Tensor) -> Tensor:
+    """One of each cloud's points (B, S, D), drawn in proportion to the density (B, S) by a number in [0, 1)."""
+    bounds = density.cumsum(1)
+    chosen = torch.searchsorted(bounds, uniform * bounds[:, -1:], right=True)
+    chosen = torch.minimum(chosen, (mask.sum(1, keepdim=True) - 1).clamp_min(0))
+    return torch.take_along_dim(points, chosen[..., None], 1)
 
 
 def _uniform(count: int, generator: torch.Generator) -> Tensor:

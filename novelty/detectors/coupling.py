@@ -50,6 +50,7 @@ def _refined(clouds: PointClouds, initial: GaussianMixtures, settings: Fit, max_
         min_std=settings.min_std,
         covariance_floor=settings.covariance_floor,
         max_iterations=max_iterations,
+        tolerance=None,  # so many steps, and no question of convergence
     )
     orders = torch.arange(1, initial.num_slots + 1, device=fit.mixtures.weights.device)
     mdl = gmmtorch.description_length(fit.mixtures, clouds)
