@@ -10,8 +10,8 @@ The covariance floor delta^2 I is a spread that every point has; since sum_k r_k
 points, it goes into the constant of eta.
 
 One `bmm` serves clouds of any size: eta (G, K, F) times phi (G, F, T) gives logits (G, K, T), components on the rows.
-The tiles pass in chunks whose logits stay in the cache. On a CPU `gmmtorch.fused` makes the same pass in one
-compiled loop (Numba).
+The tiles pass in chunks whose logits stay in the cache. On a CPU `gmmtorch.compiled` makes the same pass in
+loops that Numba compiles.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from torch import Tensor
 
 from gmmtorch import linalg
 from gmmtorch.components import Components
-from gmmtorch.tiles import Tiles, lift
+from gmmtorch.tiles import TILE, Tiles, lift
 
 __all__ = ["Statistics", "expectation", "log_likelihood", "total_covariance"]
 
@@ -83,31 +83,27 @@ def expectation(tiles: Tiles, components: Components, floor: Tensor) -> Statisti
         components: the mixtures, in the same coordinates.
         floor: standard deviation delta that belongs to every point (B,).
     """
+    if tiles.on_cpu:
+        return _compiled(tiles, components, floor)
     precisions = components.precisions  # (B, K, D, D)
     slack = 0.5 * floor[:, None].square() * precisions.diagonal(dim1=-2, dim2=-1).sum(-1)  # (B, K)
     slack = torch.where(components.weights > 0, slack, 0.0)
     # The factors that take the floor's share of the exponent back.
     bare = slack.clamp_max(_LARGEST_SLACK).exp().to(tiles.dtype)
     log_scales = components.log_scales - slack
-    of_batch = _compiled if tiles.on_cpu else _by_tensor_operations
-    moments, values = of_batch(tiles, log_scales, bare, precisions, components.means)
+    moments, values = _by_tensor_operations(tiles, log_scales, bare, precisions, components.means)
     totals = _sum_over_tiles(values, tiles)  # (B, 2)
     counts, first, second = _parts(moments, components.means.shape[2])
     return Statistics(counts, first, second, components.means, totals[:, 0], totals[:, 1])
 
 
-def _compiled(
-    tiles: Tiles, log_scales: Tensor, bare: Tensor, precisions: Tensor, means: Tensor
-) -> tuple[Tensor, Tensor]:
-    """What `_by_tensor_operations` gives, by one compiled loop."""
-    from gmmtorch.fused import moments_of_tiles  # 0.4 s: the import of Numba
+def _compiled(tiles: Tiles, components: Components, floor: Tensor) -> Statistics:
+    """What `expectation` gives, by compiled loops."""
+    from gmmtorch.compiled.em import expect  # 0.4 s: the import of Numba
 
-    stored = tiles.storage
-    moments, values = moments_of_tiles(
-        stored.features, stored.weights, stored.centers, tiles.places, tiles.owner,
-        log_scales, bare, precisions, means,
-    )  # fmt: skip
-    return _sum_over_tiles(moments.flatten(1), tiles).unflatten(1, moments.shape[1:]), values
+    moments, totals = expect(tiles, components, floor, tiles.dtype)
+    counts, first, second = _parts(moments, components.means.shape[2])
+    return Statistics(counts, first, second, components.means, totals[:, 0], totals[:, 1])
 
 
 def _by_tensor_operations(
@@ -123,11 +119,12 @@ def _by_tensor_operations(
 
 def total_covariance(tiles: Tiles) -> Tensor:
     """Covariance of every whole cloud of a batch just built (B, D, D) float64, spreads included."""
-    storage = tiles.storage
-    features = storage.features
-    if features.dtype != torch.float64:  # the start of an exact plane does not survive float32
-        features = lift(storage.local, storage.spreads, torch.float64)
-    moments = torch.bmm(features, storage.weights.double().transpose(1, 2))  # (G, F, 1)
+    storage, num_features = tiles.storage, linalg.num_lifted(tiles.centers.shape[1])
+    moments = storage.centers.new_empty(len(tiles.centers), num_features, 1)
+    for rows, stored in _chunks(tiles, num_features, torch.float64):
+        spreads = None if storage.spreads is None else storage.spreads[stored]
+        features = lift(storage.local[stored], spreads, torch.float64)  # float32 loses the start of an exact plane
+        torch.sum(features * storage.weights[stored], 2, keepdim=True, out=moments[rows])  # (g, F, 1)
     about_origin = _about_means(moments, tiles.centers[..., None], tiles)
     counts, first, second = _parts(about_origin, tiles.centers.shape[1])
     counts = torch.where(counts > 0, counts, 1.0)[..., None]  # (B, 1, 1)
@@ -150,10 +147,10 @@ def _pass_over_points(tiles: Tiles, eta: Tensor, sums: Tensor) -> tuple[Tensor, 
     moments, values = torch.empty_like(eta), eta.new_empty(num_tiles, 2, 1)
     chunks = _chunks(tiles, num_components, eta.dtype)
     size = max((rows.stop - rows.start for rows, _ in chunks), default=0)
-    spaces = [eta.new_empty(size, n, tiles.length) for n in (num_components, num_features, 2, 1)]
+    spaces = [eta.new_empty(size, n, TILE) for n in (num_components, num_features, 2, 1)]
     for rows, stored in chunks:
         likelihoods, weighted, totals, peak = (space[: rows.stop - rows.start] for space in spaces)
-        features, weights = tiles.storage.features[stored], tiles.storage.weights[stored]
+        features, weights = tiles.storage.features[stored], tiles.storage.weights[stored].to(eta.dtype)
         torch.bmm(eta[rows].transpose(1, 2), features, out=likelihoods)  # (g, K, T)
         torch.amax(likelihoods, 1, keepdim=True, out=peak)
         _exp_below(likelihoods, peak)
@@ -172,7 +169,9 @@ def _exp_below(logits: Tensor, peak: Tensor) -> Tensor:
 def log_likelihood(tiles: Tiles, components: Components) -> Tensor:
     """Total log-likelihood of every cloud, always in float64 (B,), nats in normalised coordinates."""
     if tiles.on_cpu:
-        return _sum_over_tiles(_values_in_double(tiles, components), tiles)[:, 1]
+        return _compiled(
+            tiles.in_double, components, torch.zeros_like(components.weights[:, 0])
+        ).log_likelihood
     to_center = tiles.centers[:, :, None] - _of_tile(components.means.transpose(1, 2), tiles)
     eta = _natural_parameters(
         components.log_scales, components.precisions, to_center, tiles, torch.float64
@@ -188,28 +187,10 @@ def log_likelihood(tiles: Tiles, components: Components) -> Tensor:
     return _sum_over_tiles(per_tile, tiles)[:, 0]
 
 
-def _values_in_double(tiles: Tiles, components: Components) -> Tensor:
-    """Values of every tile without a floor (G, 2), by the compiled pass over features that are lifted in float64."""
-    from gmmtorch.fused import moments_of_tiles
-
-    storage, values = tiles.storage, []
-    parameters = components.log_scales, torch.ones_like(components.weights), components.precisions
-    for rows, stored in _chunks(tiles, components.weights.shape[1], torch.float64):
-        spreads = None if storage.spreads is None else storage.spreads[stored]
-        features = lift(storage.local[stored], spreads, torch.float64)
-        values.append(
-            moments_of_tiles(
-                features, storage.weights[stored].double(), storage.centers[stored],
-                torch.arange(features.shape[0]), tiles.owner[rows], *parameters, components.means,
-            )[1]
-        )  # fmt: skip
-    return torch.cat(values) if values else storage.centers.new_zeros(0, 2)
-
-
 def _chunks(tiles: Tiles, num_components: int, dtype: torch.dtype) -> list[tuple[slice, slice]]:
     """Cut the runs into pieces of at least two tiles whose logits fit in the cache: tiles, places in the storage."""
-    size = torch.finfo(dtype).bits // 8 * tiles.length * num_components
-    budget = _CUDA_CHUNK_BYTES if tiles.storage.features.is_cuda else _CHUNK_BYTES
+    size = torch.finfo(dtype).bits // 8 * TILE * num_components
+    budget = _CUDA_CHUNK_BYTES if tiles.storage.local.is_cuda else _CHUNK_BYTES
     most = max(2, budget // size)
     chunks = []
     for tile, start, length in tiles.runs:

@@ -4,27 +4,31 @@ The points of a cloud are sorted along a space-filling curve and cut into tiles 
 relative to the centre of their tile, so that float32 products lose nothing that matters. Every tile has an owner cloud,
 so that one product serves clouds of any size. Padding points have weight 0.
 
-What is stored of a point are its lifted features phi(x) = [1, x_a, x_a x_b (a <= b)]; a cell of points enters by the
-mean of phi over it, which needs only its mean and its spread.
+The compiled loops of a CPU read the coordinates, and skip what is far from a tile by the ellipsoid around it. On a
+device the lifted features phi(x) = [1, x_a, x_a x_b (a <= b)] are stored as well; a cell of points enters by the mean
+of phi over it, which needs only its mean and its spread.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from gmmtorch import linalg
 from gmmtorch.clouds import PointClouds
 
-__all__ = ["Storage", "Tiles", "lift"]
+__all__ = ["TILE", "Storage", "Tiles", "lift"]
 
-_TILE = {torch.float64: 512, torch.float32: 128}
-"""Points of a tile: float32 loses digits with the distance to the tile's centre; larger tiles cost less."""
+TILE = 128
+"""Points of a tile: in larger ones more components matter, smaller ones cost more by the tile."""
+_UNIT = 16  # tiles whose moments are added up in one place, by one thread
 
 
 @dataclass(frozen=True)
@@ -32,29 +36,40 @@ class Storage:
     """The points of all clouds, tile after tile.
 
     Attributes:
-        local: coordinates relative to the tile's centre (S, D, T) float64.
+        local: coordinates relative to the tile's centre, 0 for padding (S, D, T) float64.
         spreads: packed spreads of cells (S, D (D + 1) / 2, T) float64, or None.
-        weights: point weights, 0 for padding (S, 1, T) in the arithmetic's dtype.
-        features: phi of every point (S, F, T) in the arithmetic's dtype.
+        weights: point weights, 0 for padding (S, 1, T) float64.
         centers: tile centres (S, D) float64.
+        dtype: precision of the arithmetic.
     """
 
     local: Tensor
     spreads: Tensor | None
     weights: Tensor
-    features: Tensor
     centers: Tensor
+    dtype: torch.dtype
 
     def take(self, rows: Tensor) -> Storage:
         """Copy these tiles (S',) int64."""
         spreads = None if self.spreads is None else self.spreads[rows]
-        return Storage(self.local[rows], spreads, self.weights[rows], self.features[rows], self.centers[rows])
+        return Storage(self.local[rows], spreads, self.weights[rows], self.centers[rows], self.dtype)
+
+    @cached_property
+    def features(self) -> Tensor:
+        """Phi of every point (S, F, T) in the arithmetic's precision: what the tensor operations read."""
+        return lift(self.local, self.spreads, self.dtype)
 
     @cached_property
     def in_double(self) -> Storage:
         """The same points for arithmetic in float64."""
-        features = lift(self.local, self.spreads, torch.float64)
-        return Storage(self.local, self.spreads, self.weights.double(), features, self.centers)
+        return self if self.dtype == torch.float64 else replace(self, dtype=torch.float64)
+
+    @cached_property
+    def reach(self) -> Tensor:
+        """Packed R of an ellipsoid z^T R^-1 z <= 1 about each centre that holds the points (S, D (D + 1) / 2)."""
+        from gmmtorch.compiled.ellipsoids import ellipsoids  # 0.4 s: the import of Numba
+
+        return torch.from_numpy(ellipsoids(self.local.numpy(), self.weights.numpy()))
 
 
 @dataclass(frozen=True)
@@ -71,9 +86,8 @@ class Tiles:
     @staticmethod
     def build(clouds: PointClouds) -> Tiles:
         """Sort, cut and lift a batch of normalised clouds."""
-        length = _TILE[clouds.dtype]
-        counts = tuple(-(-n // length) for n in clouds.sizes)
-        source, real = _tile_sources(clouds, counts, length)
+        counts = tuple(-(-n // TILE) for n in clouds.sizes)
+        source, real = _tile_sources(clouds, counts)
         points = clouds.points[source]  # (G, T, D)
         mask = real[..., None]
         centers = torch.where(mask, points, 0.0).sum(1) / real.sum(1, keepdim=True).clamp_min(1)
@@ -82,8 +96,8 @@ class Tiles:
         if clouds.spreads is not None:
             packed = linalg.pack_symmetric(clouds.spreads)[source]  # (G, T, D (D + 1) / 2)
             spreads = torch.where(mask, packed, 0.0).transpose(1, 2).contiguous()
-        weights = torch.where(real, clouds.weights[source], 0.0)[:, None].to(clouds.dtype)
-        storage = Storage(local, spreads, weights, lift(local, spreads, clouds.dtype), centers)
+        weights = torch.where(real, clouds.weights[source], 0.0)[:, None]
+        storage = Storage(local, spreads, weights, centers, clouds.dtype)
         return Tiles(storage, _starts(counts), counts)._without_short_runs()
 
     def take(self, clouds: Sequence[int]) -> Tiles:
@@ -106,17 +120,26 @@ class Tiles:
     @property
     def dtype(self) -> torch.dtype:
         """Precision of the arithmetic."""
-        return self.storage.features.dtype
-
-    @property
-    def length(self) -> int:
-        """Points of a tile T, padding included."""
-        return self.storage.features.shape[2]
+        return self.storage.dtype
 
     @property
     def on_cpu(self) -> bool:
-        """Whether the compiled pass can read the points."""
-        return self.storage.features.device.type == "cpu"
+        """Whether the compiled loops can read the points."""
+        return self.storage.local.device.type == "cpu"
+
+    @cached_property
+    def units(self) -> tuple[NDArray[np.int64], ...]:
+        """Stretches of at most 16 tiles of one cloud, whose moments are added up by one thread.
+
+        The cloud of every unit (U,), its first tile in the storage and the one after its last (U,), and the first unit
+        of every cloud (B + 1,).
+        """
+        pieces = np.array([-(-count // _UNIT) for count in self.counts], np.int64)
+        offsets = np.concatenate([[0], pieces.cumsum()])
+        owners = np.repeat(np.arange(len(pieces)), pieces)
+        steps = _UNIT * (np.arange(len(owners)) - offsets[owners])
+        first, counts = (np.array(numbers, np.int64)[owners] for numbers in (self.first, self.counts))
+        return owners, first + steps, first + np.minimum(steps + _UNIT, counts), offsets
 
     @cached_property
     def owner(self) -> Tensor:
@@ -135,13 +158,6 @@ class Tiles:
         return torch.cat(parts) if parts else self.storage.centers[:0]
 
     @cached_property
-    def places(self) -> Tensor:
-        """Where every tile lies in the storage (G,) int64."""
-        return torch.tensor(
-            [place for _, start, length in self.runs for place in range(start, start + length)]
-        )
-
-    @cached_property
     def runs(self) -> tuple[tuple[int, int, int], ...]:
         """Stretches of tiles that lie one after the other in the storage: (tile, place in the storage, length)."""
         runs: list[tuple[int, int, int]] = []
@@ -156,9 +172,9 @@ class Tiles:
         """Copy the tiles one after the other where a run has just one, and add an empty tile to a single one.
 
         The BLAS rounds a product of one matrix unlike one of several; without such products, the result of a cloud
-        does not depend on the others, to the last bit.
+        does not depend on the others, to the last bit. The compiled loops of a CPU have no such needs.
         """
-        if all(length > 1 for _, _, length in self.runs):
+        if self.on_cpu or all(length > 1 for _, _, length in self.runs):
             return self
         device = self.storage.centers.device
         rows = torch.cat([torch.arange(start, start + length) for _, start, length in self.runs]).to(device)
@@ -192,14 +208,14 @@ def _owners(counts: Sequence[int], device: torch.device) -> Tensor:
     return torch.repeat_interleave(torch.tensor(counts, device=device), output_size=sum(counts))
 
 
-def _tile_sources(clouds: PointClouds, counts: Sequence[int], length: int) -> tuple[Tensor, Tensor]:
+def _tile_sources(clouds: PointClouds, counts: Sequence[int]) -> tuple[Tensor, Tensor]:
     """Point that fills each place of each tile (G, T) int64, and whether it is one, not padding (G, T) bool."""
     order = _spatial_order(clouds)
     device = clouds.device
     owner = _owners(counts, device)
     first_tile = torch.tensor(_starts(counts), device=device)[owner]
-    rank = (torch.arange(owner.shape[0], device=device) - first_tile)[:, None] * length
-    rank = rank + torch.arange(length, device=device)
+    rank = (torch.arange(owner.shape[0], device=device) - first_tile)[:, None] * TILE
+    rank = rank + torch.arange(TILE, device=device)
     sizes = torch.tensor(clouds.sizes, device=device)[owner, None]
     starts = torch.tensor(clouds.offsets[:-1], device=device)[owner, None]
     return order[starts + torch.minimum(rank, sizes - 1)], rank < sizes
