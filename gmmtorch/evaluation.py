@@ -9,8 +9,9 @@ after the product and not before it, as the features of `statistics` do: on wall
 difference of terms of 1e8, which costs the seven digits that an answer for a caller should have, whereas the gain
 would be a third of the time.
 
-Layout. Components on the rows, points on the columns, in chunks that stay in the processor's cache. A chunk may hold
-pieces of several clouds: matrix products are made per piece, everything else once per chunk.
+On a CPU a compiled loop does this (`gmmtorch.compiled.evaluation`). On a device: components on the rows, points on
+the columns, in chunks that stay in the cache. A chunk may hold pieces of several clouds: matrix products are made per
+piece, everything else once per chunk.
 """
 
 from __future__ import annotations
@@ -19,13 +20,17 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 from torch import Tensor
 
 from gmmtorch import linalg
 from gmmtorch.clouds import PointClouds
+
+if TYPE_CHECKING:
+    from gmmtorch.compiled.evaluation import Evaluation
 
 __all__ = ["Densities", "Posterior"]
 
@@ -40,7 +45,7 @@ class Posterior:
     """What a mixture says of every point of its cloud.
 
     Attributes:
-        log_prob: log p(x_n) (N,), nats; -inf where the mixture is empty.
+        log_prob: log p(x_n) (N,), nats; -inf where the mixture is empty, NaN where the point is not finite.
         responsibilities: r_nk (N, K); rows sum to 1, or are 0 where the mixture is empty.
         components: argmax_k r_nk (N,) int64; -1 where the mixture is empty.
     """
@@ -68,38 +73,51 @@ class _Chunk(NamedTuple):
 
 @dataclass(frozen=True)
 class Densities:
-    """B mixtures, prepared.
+    """B mixtures, to be evaluated.
 
     Attributes:
-        origin: mean of every mixture (B, D), m: coordinates about it lose no digits.
-        whitening: [W_k, -W_k mu_k] of all components, one coordinate after the other (B, D K, D + 1).
-        linear: coefficients of [1, Q_ab (a <= b)] in the logits (B, K, 1 + D (D + 1) / 2).
+        weights: pi_k (B, K), 0 for padding.
+        means: mu_k (B, K, D).
+        factors: lower Cholesky factors of the covariances (B, K, D, D).
     """
 
-    origin: Tensor
-    whitening: Tensor
-    linear: Tensor
+    weights: Tensor
+    means: Tensor
+    factors: Tensor
 
     @staticmethod
     def of(weights: Tensor, means: Tensor, covariances: Tensor) -> Densities:
         """Prepare mixtures of weights (B, K), means (B, K, D) and covariances (B, K, D, D)."""
-        dim = means.shape[-1]
-        factors, _ = linalg.safe_cholesky(covariances)
-        identity = torch.eye(dim, dtype=means.dtype, device=means.device)
-        inverse = torch.linalg.solve_triangular(factors, identity.expand_as(factors), upper=False)
-        origin = (weights[..., None] * means).sum(1)
-        offsets = inverse @ (means - origin[:, None])[..., None]  # (B, K, D, 1)
-        log_scales = weights.log() - 0.5 * (dim * math.log(2 * math.pi) + linalg.log_determinant(factors))
-        once = identity + 2 * (1 - identity)  # Q_ab stands for Q_ba too
-        precisions = linalg.pack_symmetric(-0.5 * once * linalg.precision_matrix(factors))
-        return Densities(
-            origin=origin,
-            whitening=torch.cat([inverse, -offsets], -1).transpose(1, 2).flatten(1, 2),
-            linear=torch.cat([log_scales[..., None], precisions], -1),
-        )
+        return Densities(weights, means, linalg.safe_cholesky(covariances)[0])
+
+    @cached_property
+    def origin(self) -> Tensor:
+        """Mean of every mixture (B, D), m: coordinates about it lose no digits."""
+        return (self.weights[..., None] * self.means).sum(1)
+
+    @cached_property
+    def whitening(self) -> Tensor:
+        """[W_k, -W_k mu_k] of all components, one coordinate after the other (B, D K, D + 1)."""
+        identity = torch.eye(self.means.shape[-1], dtype=self.means.dtype, device=self.means.device)
+        inverse = torch.linalg.solve_triangular(self.factors, identity.expand_as(self.factors), upper=False)
+        offsets = inverse @ (self.means - self.origin[:, None])[..., None]  # (B, K, D, 1)
+        return torch.cat([inverse, -offsets], -1).transpose(1, 2).flatten(1, 2)
+
+    @cached_property
+    def linear(self) -> Tensor:
+        """Coefficients of [1, Q_ab (a <= b)] in the logits (B, K, 1 + D (D + 1) / 2)."""
+        dim = self.means.shape[-1]
+        log_volume = dim * math.log(2 * math.pi) + linalg.log_determinant(self.factors)
+        once = 2.0 - torch.eye(
+            dim, dtype=self.means.dtype, device=self.means.device
+        )  # Q_ab stands for Q_ba too
+        precisions = linalg.pack_symmetric(-0.5 * once * linalg.precision_matrix(self.factors))
+        return torch.cat([(self.weights.log() - 0.5 * log_volume)[..., None], precisions], -1)
 
     def log_prob(self, clouds: PointClouds) -> Tensor:
         """Log p(x_n) (N,)."""
+        if _on_cpu(clouds):
+            return self._compiled(clouds, log_prob=True).log_prob
         result = clouds.points.new_empty(len(clouds.points))
         for chunk in self._chunks(clouds):
             peak = chunk.logits.amax(0)
@@ -108,6 +126,8 @@ class Densities:
 
     def components(self, clouds: PointClouds) -> Tensor:
         """argmax_k r_nk (N,) int64, -1 where the mixture is empty."""
+        if _on_cpu(clouds):
+            return self._compiled(clouds, components=True).components
         result = torch.empty(len(clouds.points), dtype=torch.int64, device=clouds.device)
         for chunk in self._chunks(clouds):
             result[chunk.points] = _component(*chunk.logits.max(0))
@@ -115,6 +135,8 @@ class Densities:
 
     def responsibilities(self, clouds: PointClouds) -> Tensor:
         """r_nk (N, K), each component's in consecutive memory."""
+        if _on_cpu(clouds):
+            return self._compiled(clouds, responsibilities=True).responsibilities.T
         result = clouds.points.new_empty(self.linear.shape[1], len(clouds.points))
         for chunk in self._chunks(clouds):
             total = _exponentiate(chunk.logits, chunk.logits.amax(0))
@@ -123,6 +145,9 @@ class Densities:
 
     def posterior(self, clouds: PointClouds) -> Posterior:
         """All three in one pass."""
+        if _on_cpu(clouds):
+            found = self._compiled(clouds, log_prob=True, responsibilities=True, components=True)
+            return Posterior(found.log_prob, found.responsibilities.T, found.components)
         size = len(clouds.points)
         responsibilities = clouds.points.new_empty(self.linear.shape[1], size)
         log_prob = clouds.points.new_empty(size)
@@ -137,6 +162,8 @@ class Densities:
 
     def expected_counts(self, clouds: PointClouds) -> Tensor:
         """sum_n w_n r_nk (B, K)."""
+        if _on_cpu(clouds):
+            return self._compiled(clouds, counts=True).counts
         counts = self.linear.new_zeros(self.linear.shape[:2])
         for chunk in self._chunks(clouds):
             total = _exponentiate(chunk.logits, chunk.logits.amax(0))
@@ -144,6 +171,11 @@ class Densities:
             for piece in chunk.pieces:
                 counts[piece.cloud] += chunk.logits[:, piece.columns] @ shares[piece.columns]
         return counts
+
+    def _compiled(self, clouds: PointClouds, **wanted: bool) -> Evaluation:
+        from gmmtorch.compiled.evaluation import evaluate  # 0.4 s: the import of Numba
+
+        return evaluate(self.weights, self.means, self.factors, clouds, **wanted)
 
     def _chunks(self, clouds: PointClouds) -> Iterator[_Chunk]:
         """The logits of all points, chunk by chunk; the memory of one chunk is that of the next."""
@@ -180,6 +212,11 @@ class Densities:
         torch.mm(linear, features[dim:, columns], out=logits[:, columns])
 
 
+def _on_cpu(clouds: PointClouds) -> bool:
+    """Whether the compiled loop can read the points."""
+    return clouds.points.device.type == "cpu"
+
+
 def _plan(offsets: Sequence[int], longest: int) -> list[list[_Piece]]:
     """Cut every cloud into equal pieces of at most `longest` points, and fill chunks of at most as many with them.
 
@@ -211,5 +248,5 @@ def _reciprocal(total: Tensor) -> Tensor:
 
 
 def _component(peak: Tensor, index: Tensor) -> Tensor:
-    """The index of the largest logit, -1 where all are -inf."""
-    return torch.where(peak == -torch.inf, -1, index)
+    """The index of the largest logit, -1 where all are -inf, and where the point is not finite."""
+    return torch.where((peak == -torch.inf) | peak.isnan(), -1, index)

@@ -123,7 +123,9 @@ def total_covariance(tiles: Tiles) -> Tensor:
     moments = storage.centers.new_empty(len(tiles.centers), num_features, 1)
     for rows, stored in _chunks(tiles, num_features, torch.float64):
         spreads = None if storage.spreads is None else storage.spreads[stored]
-        features = lift(storage.local[stored], spreads, torch.float64)  # float32 loses the start of an exact plane
+        features = lift(
+            storage.local[stored], spreads, torch.float64
+        )  # float32 loses the start of an exact plane
         torch.sum(features * storage.weights[stored], 2, keepdim=True, out=moments[rows])  # (g, F, 1)
     about_origin = _about_means(moments, tiles.centers[..., None], tiles)
     counts, first, second = _parts(about_origin, tiles.centers.shape[1])

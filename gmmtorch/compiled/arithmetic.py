@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit  # type: ignore[import-not-found,import-untyped,unused-ignore]
-from numba.extending import overload  # type: ignore[import-not-found,import-untyped,unused-ignore]
+from numba import njit
+from numba.extending import overload
 
 __all__ = ["exp", "log"]
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
-
 import numpy as np
 import torch
 
 from gmmtorch.compiled.mixtures import collect, describe
 from gmmtorch.compiled.points import MEAN, pass_over_points
+from gmmtorch.compiled.threads import shared_out
 from gmmtorch.components import Components
 from gmmtorch.linalg import num_lifted
 from gmmtorch.tiles import TILE, Tiles
@@ -19,11 +16,9 @@ __all__ = ["Batch", "Parameters"]
 
 Array = np.ndarray
 
-_SPLIT_ABOVE = 1 << 17  # points times components: below, a second thread costs more than it saves
-
 
 class Parameters:
-    """Weights (B, K), means (B, K, D), covariances and their Cholesky factors (B, K, D, D) of a batch, to be overwritten."""
+    """Weights (B, K), means (B, K, D), covariances and Cholesky factors (B, K, D, D) of a batch, to be overwritten."""
 
     def __init__(self, components: Components) -> None:
         tensors = (components.weights, components.means, components.covariances, components.factors)
@@ -57,7 +52,7 @@ class Batch:
         self.precision = np.zeros(1, np.float32 if precision == torch.float32 else np.float64)
 
     def expect(self, clouds: Array, mixtures: Parameters, statistics: Array, totals: Array) -> None:
-        """E-step of these clouds (B',) int64: their statistics (B, K, M), objectives and log-likelihoods (B, 2), nats."""
+        """E-step of these clouds (B',) int64: statistics (B, K, M), objectives and log-likelihoods (B, 2), nats."""
         describe(clouds, mixtures.weights, mixtures.means, mixtures.factors, self.floor, self.form)
         self._pass(self._units_of(clouds))
         collect(clouds, self.unit_offsets, self.moments, self.values, mixtures.factors, statistics, totals)
@@ -69,7 +64,7 @@ class Batch:
         return np.concatenate(pieces)
 
     def _pass(self, units: Array) -> None:
-        """Share the units among the threads; no bit depends on their number."""
+        """Pass the points of these units; no bit depends on the number of threads."""
 
         def share(first: int, last: int) -> None:
             pass_over_points(
@@ -77,19 +72,5 @@ class Batch:
                 self.form, self.moments, self.values, self.precision,
             )  # fmt: skip
 
-        threads = min(torch.get_num_threads(), len(units))
         work = int((self.stops - self.starts)[units].sum()) * TILE * self.form.shape[2]
-        if threads <= 1 or work < _SPLIT_ABOVE:
-            share(0, len(units))
-            return
-        cuts = [i * len(units) // threads for i in range(threads + 1)]
-        others = [_pool(threads).submit(share, *cut) for cut in itertools.pairwise(cuts[1:])]
-        share(0, cuts[1])
-        for other in others:
-            other.result()
-
-
-@lru_cache(maxsize=1)
-def _pool(threads: int) -> ThreadPoolExecutor:
-    """Threads beside the caller's; the loops do not hold the interpreter's lock."""
-    return ThreadPoolExecutor(threads - 1, thread_name_prefix="gmmtorch")
+        shared_out(share, len(units), work)

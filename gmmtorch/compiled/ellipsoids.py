@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit  # type: ignore[import-not-found,import-untyped,unused-ignore]
+from numba import njit
 
 from gmmtorch.compiled.mixtures import cholesky
 

@@ -62,8 +62,7 @@ def iterate(workload: Workload, start: Components, max_iterations: int, members:
 def expect(
     tiles: Tiles, components: Components, floor: Tensor, precision: torch.dtype
 ) -> tuple[Tensor, Tensor]:
-    """E-step of all clouds: statistics [N_k, first, second] of every component (B, K, M), and the objectives and
-    log-likelihoods (B, 2), nats."""
+    """E-step of all clouds: statistics [N_k, first, second] (B, K, M), objectives and log-likelihoods (B, 2), nats."""
     state = Iterations(components)
     batch = Batch(tiles, floor.numpy(), components.weights.shape[1], precision)
     clouds = np.array([b for b, count in enumerate(tiles.counts) if count], np.int64)

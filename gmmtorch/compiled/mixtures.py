@@ -1,8 +1,8 @@
 """What an iteration does once per component: the M-step and its over-relaxation, and what the E-step reads.
 
 The same as `maximization`, `extrapolate` and `em_step` of `gmmtorch.em`, cloud by cloud, in float64 and in place. The
-statistics of a component are one row [N_k, first, second] of M = 1 + D + P numbers, P = D (D + 1) / 2: moments about the
-mean of the mixture that the E-step saw, the second ones packed.
+statistics of a component are one row [N_k, first, second] of M = 1 + D + P numbers, P = D (D + 1) / 2: moments about
+the mean of the mixture that the E-step saw, the second ones packed.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit  # type: ignore[import-not-found,import-untyped,unused-ignore]
+from numba import njit
 
 from gmmtorch.compiled.points import EXTRA, MEAN, SCALE, SLACK
 

@@ -18,12 +18,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit  # type: ignore[import-not-found,import-untyped,unused-ignore]
+from numba import njit
 
 from gmmtorch.compiled.arithmetic import exp, log
 from gmmtorch.tiles import TILE
 
-__all__ = ["EXTRA", "MEAN", "SCALE", "SLACK", "pass_over_points"]
+__all__ = ["EXTRA", "MEAN", "SCALE", "SLACK", "pass_over_points", "place_center", "whiten"]
 
 Array = np.ndarray
 
@@ -36,17 +36,12 @@ _FAST = {"reassoc", "contract", "nsz", "nnan"}  # sums may be reordered into vec
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_FAST, cache=True)
-def _bounds(
-    g: int, b: int, centers: Array, reach: Array, form: Array, offsets: Array, middle: Array, above: Array
-) -> int:
-    """Whitened offset of a block's centre, and a bound on the logits, of all components; returns the nearest one."""
+def place_center(g: int, b: int, centers: Array, form: Array, offsets: Array, squared: Array) -> None:
+    """Whitened coordinates of a block's centre (D, K), and their squared lengths (K,), for all components."""
     dim, num_components = offsets.shape
-    whitening = MEAN + dim
-    precision = whitening + reach.shape[1]
+    row = MEAN + dim
     for k in range(num_components):
-        middle[k] = 0.0
-        above[k] = 0.0
-    row = whitening
+        squared[k] = 0.0
     for a in range(dim):
         for k in range(num_components):
             offsets[a, k] = 0.0
@@ -55,18 +50,26 @@ def _bounds(
                 offsets[a, k] += form[b, row, k] * (centers[g, c] - form[b, MEAN + c, k])
             row += 1
         for k in range(num_components):
-            middle[k] += offsets[a, k] * offsets[a, k]
+            squared[k] += offsets[a, k] * offsets[a, k]
+
+
+@njit(nogil=True, error_model="numpy", fastmath=_FAST, cache=True)
+def _bounds(g: int, b: int, reach: Array, form: Array, squared: Array, above: Array) -> int:
+    """Bounds on the logits of all components in a block (K,), before spreads; returns the component nearest to it."""
+    num_components = len(squared)
+    precision = form.shape[1] - reach.shape[1]
+    for k in range(num_components):
+        above[k] = 0.0
     for p in range(reach.shape[1]):
         for k in range(num_components):
             above[k] += reach[g, p] * form[b, precision + p, k]
+    nearest, highest = 0, -np.inf
     for k in range(num_components):
-        gap = max(np.sqrt(middle[k]) - np.sqrt(above[k]), 0.0)
-        middle[k] = form[b, SCALE, k] - 0.5 * middle[k]
+        gap = max(np.sqrt(squared[k]) - np.sqrt(above[k]), 0.0)
         above[k] = form[b, SCALE, k] + form[b, SLACK, k] - 0.5 * gap * gap
-    nearest = 0
-    for k in range(1, num_components):
-        if middle[k] > middle[nearest]:
-            nearest = k
+        at_center = form[b, SCALE, k] - 0.5 * squared[k]
+        if at_center > highest:
+            nearest, highest = k, at_center
     return nearest
 
 
@@ -94,7 +97,7 @@ def _whiten_3d(
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_FAST, cache=True)
-def _whiten(
+def _whiten_nd(
     row: int, b: int, k: int, form: Array, offsets: Array, numbers: Array, x: Array, y: Array, logits: Array
 ) -> None:
     """Whitened coordinates and logits of a block in any number of dimensions."""
@@ -128,6 +131,20 @@ def _subtract_spread(
         factor = _HALF * numbers[0]
         for t in range(TILE):
             logits[row, t] -= factor * spread[p, t]
+
+
+@njit(nogil=True, error_model="numpy", fastmath=_FAST, cache=True)
+def whiten(
+    row: int, b: int, k: int, form: Array, offsets: Array, numbers: Array, x: Array, spread: Array,
+    cells: bool, y: Array, logits: Array,
+) -> None:  # fmt: skip
+    """Whitened coordinates (rows D row to D row + D of y) and logits (row) of a block by component k of cloud b."""
+    if x.shape[0] == 3:
+        _whiten_3d(row, b, k, form, offsets, numbers, x, y, logits)
+    else:
+        _whiten_nd(row, b, k, form, offsets, numbers, x, y, logits)
+    if cells:
+        _subtract_spread(row, b, k, form, numbers, spread, logits)
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_FAST, cache=True)
@@ -220,7 +237,7 @@ def _add_spread(u: int, k: int, share: Array, spread: Array, moments: Array) -> 
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_FAST, cache=True)
-def pass_over_points(  # noqa: PLR0912, PLR0915
+def pass_over_points(
     units: Array, first: int, last: int, owners: Array, starts: Array, stops: Array,
     local: Array, spreads: Array, weights: Array, centers: Array, reach: Array,
     form: Array, moments: Array, values: Array, precision: Array,
@@ -245,7 +262,7 @@ def pass_over_points(  # noqa: PLR0912, PLR0915
         precision: an array of the type in which to compute.
     """
     dim, packed, num_components = local.shape[1], reach.shape[1], form.shape[2]
-    cells, is_3d = len(spreads) > 0, dim == 3
+    cells = len(spreads) > 0
     x = np.empty((dim, TILE), precision.dtype)
     spread = np.empty((packed, TILE), precision.dtype)
     y = np.empty((dim * num_components, TILE), precision.dtype)
@@ -257,7 +274,7 @@ def pass_over_points(  # noqa: PLR0912, PLR0915
     share: Array = np.empty(TILE, precision.dtype)
     numbers: Array = np.empty(10, precision.dtype)
     offsets = np.empty((dim, num_components))
-    middle, above = np.empty(num_components), np.empty(num_components)
+    squared, above = np.empty(num_components), np.empty(num_components)
     chosen = np.empty(num_components, np.int64)
     for i in range(first, last):
         u = units[i]
@@ -265,7 +282,8 @@ def pass_over_points(  # noqa: PLR0912, PLR0915
         moments[u] = 0.0
         values[u] = 0.0
         for g in range(starts[u], stops[u]):
-            nearest = _bounds(g, b, centers, reach, form, offsets, middle, above)
+            place_center(g, b, centers, form, offsets, squared)
+            nearest = _bounds(g, b, reach, form, squared, above)
             for t in range(TILE):
                 mass[t] = weights[g, 0, t]
                 total[t] = 0.0
@@ -282,12 +300,7 @@ def pass_over_points(  # noqa: PLR0912, PLR0915
                 k = nearest if j < 0 else j
                 if j == nearest or (j >= 0 and above[k] <= lowest - _NEAR):
                     continue
-                if is_3d:
-                    _whiten_3d(count, b, k, form, offsets, numbers, x, y, logits)
-                else:
-                    _whiten(count, b, k, form, offsets, numbers, x, y, logits)
-                if cells:
-                    _subtract_spread(count, b, k, form, numbers, spread, logits)
+                whiten(count, b, k, form, offsets, numbers, x, spread, cells, y, logits)
                 if j < 0:
                     least = logits[0, 0]
                     for t in range(TILE):
@@ -311,7 +324,7 @@ def pass_over_points(  # noqa: PLR0912, PLR0915
                     continue
                 for t in range(TILE):
                     share[t] = logits[row, t] * total[t]
-                if is_3d:
+                if dim == 3:
                     _add_moments_3d(u, k, row, share, y, moments)
                 else:
                     _add_moments(u, k, row, dim, share, y, moments)

@@ -1,14 +1,15 @@
 """The compiled loops against the tensor operations that they stand for."""
 
+import numpy as np
 import pytest
 import torch
 
-from gmmtorch import PointClouds, fit_em, statistics
-from gmmtorch.compiled import batch
+from gmmtorch import GaussianMixtures, PointClouds, evaluation, fit_em, statistics
+from gmmtorch.compiled import batch, threads
 from gmmtorch.compiled.ellipsoids import ellipsoids
 from gmmtorch.em import EMState, em_step, run_em
 from gmmtorch.problem import initial_components, prepare
-from tests.helpers import blobs, room
+from tests.helpers import blobs, mixture_parameters, room
 
 
 def fitted(points, dtype, spreads=None, iterations=4):
@@ -85,19 +86,19 @@ def test_weights_too_small_for_float32_are_no_end_of_the_cloud():
     assert torch.isfinite(result.log_likelihood).all()
 
 
-@pytest.mark.parametrize("threads", [2, 3])
-def test_every_unit_is_passed_once(monkeypatch, threads):
+@pytest.mark.parametrize("number", [2, 3])
+def test_every_unit_is_passed_once(monkeypatch, number):
     work, components = fitted([room(9000), room(5000, 1)], torch.float64)
     shares = []
     monkeypatch.setattr(batch, "pass_over_points", lambda units, *cut: shares.append(units[slice(*cut[:2])]))
-    monkeypatch.setattr(batch, "_SPLIT_ABOVE", 0)
-    monkeypatch.setattr(torch, "get_num_threads", lambda: threads)
-    batch._pool.cache_clear()
+    monkeypatch.setattr(threads, "_SPLIT_ABOVE", 0)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: number)
+    threads._pool.cache_clear()
     statistics.expectation(work.tiles, components, work.floor)
-    batch._pool.cache_clear()
+    threads._pool.cache_clear()
     owners, starts, stops, _ = work.tiles.units
     assert sorted(u for share in shares for u in share.tolist()) == list(range(len(owners)))
-    assert len(shares) == threads
+    assert len(shares) == number
     passed = [g for start, stop in zip(starts, stops, strict=True) for g in range(start, stop)]
     assert sorted(passed) == list(range(len(work.tiles.owner)))
 
@@ -154,3 +155,45 @@ def test_ellipsoids_hold_their_points(dim):
     for g in (0, 1, 3, 4):
         scaled = local[g] * torch.linalg.inv(matrices[g]).matmul(local[g])
         assert float(scaled.sum(0).max()) == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("dim", [1, 3, 5])
+@pytest.mark.parametrize("cells", [False, True])
+def test_evaluation_agrees_with_tensor_operations(monkeypatch, dim, cells):
+    points = [blobs(300, dim, seed=1), blobs(0, dim), blobs(150, dim, seed=2) + 5e5]
+    spreads = [0.05 * np.eye(dim)[None].repeat(len(x), 0) for x in points] if cells else None
+    clouds = PointClouds.from_list(points, [np.arange(len(x)) for x in points], spreads)
+    given = [mixture_parameters(k, dim, seed=k) for k in (5, 2, 3)]
+    given[2] = (given[2][0], given[2][1] + 5e5, 1e-4 * given[2][2])
+    mixtures = GaussianMixtures.from_list([GaussianMixtures.from_arrays(*g) for g in given])
+
+    def everything():
+        posterior = mixtures.posterior(clouds)
+        alone = (mixtures.log_prob(clouds), mixtures.responsibilities(clouds), mixtures.assign(clouds))
+        return (
+            posterior.log_prob,
+            posterior.responsibilities,
+            posterior.components,
+            *alone,
+            mixtures.expected_counts(clouds),
+        )
+
+    ours = everything()
+    monkeypatch.setattr(evaluation, "_on_cpu", lambda clouds: False)
+    for one, other in zip(ours, everything(), strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-9)
+
+
+def test_what_is_not_finite_has_no_density_and_spoils_no_neighbour():
+    mixtures = GaussianMixtures.from_arrays(*mixture_parameters(3, 3))
+    points = blobs(20)
+    spoilt = points.copy()
+    spoilt[0, 1], spoilt[7, 2] = np.nan, np.inf
+    alone, beside = (mixtures.posterior(PointClouds.from_list([x])) for x in (points, spoilt))
+    bad = torch.zeros(20, dtype=torch.bool)
+    bad[[0, 7]] = True
+    assert beside.log_prob[bad].isnan().all()
+    assert beside.responsibilities[bad].isnan().all()
+    assert beside.components[bad].tolist() == [-1, -1]
+    torch.testing.assert_close(beside.log_prob[~bad], alone.log_prob[~bad])
+    assert torch.equal(beside.components[~bad], alone.components[~bad])
