@@ -25,6 +25,7 @@ def ellipsoids(local: Array, weights: Array) -> Array:
         weights: 0 for padding (S, 1, T).
     """
     num_tiles, dim, length = local.shape
+    first = np.int64(0)
     reach = np.zeros((num_tiles, dim * (dim + 1) // 2))
     scatter, factor, white = np.zeros((1, 1, dim, dim)), np.zeros((dim, dim)), np.zeros(dim)
     for g in range(num_tiles):
@@ -40,7 +41,7 @@ def ellipsoids(local: Array, weights: Array) -> Array:
             trace += scatter[0, 0, i, i]
         for i in range(dim):
             scatter[0, 0, i, i] += _RIDGE * trace
-        if not cholesky(scatter, 0, 0, factor):
+        if not cholesky(scatter, first, first, factor):
             continue  # one point: the ellipsoid is that point
         for t in range(length):
             squared = 0.0

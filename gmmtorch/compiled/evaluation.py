@@ -173,7 +173,8 @@ def _exponentiate(logits: Array, peak: Array, total: Array) -> None:
         for t in range(TILE):
             largest = max(largest, logits[k, t] - peak[t])
         if not largest > _LOWEST:
-            logits[k] = 0.0
+            for t in range(TILE):
+                logits[k, t] = 0.0
             continue
         for t in range(TILE):
             away = logits[k, t] - peak[t]

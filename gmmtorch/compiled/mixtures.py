@@ -53,7 +53,7 @@ def describe(clouds: Array, weights: Array, means: Array, factors: Array, floor:
     SCALE, log pi_k N(mu_k) less SLACK; SLACK, tr(P_k) delta^2 / 2 of the floor delta; EXTRA, exp of it; D rows from
     MEAN on, mu_k; P rows of the lower triangle of L_k^-1; and P rows of the packed P_k, its off-diagonals doubled.
     """
-    num_components, dim = means.shape[1:]
+    num_components, dim = means.shape[1], means.shape[2]
     inverse = np.zeros((dim, dim))
     for b in clouds:
         for k in range(num_components):
@@ -100,18 +100,18 @@ def collect(
         statistics: takes those of every component (B, K, M).
         totals: takes the objective and the log-likelihood (B, 2).
     """
-    num_components, num_moments = moments.shape[1:]
+    num_components, num_moments = moments.shape[1], moments.shape[2]
     dim, plain = factors.shape[2], statistics.shape[2]
     summed, second, half = np.zeros(num_moments), np.zeros((dim, dim)), np.zeros((dim, dim))
     for b in clouds:
-        totals[b] = 0.0
+        totals[b, 0] = totals[b, 1] = 0.0
         for u in range(unit_offsets[b], unit_offsets[b + 1]):
             totals[b, 0] += values[u, 0]
             totals[b, 1] += values[u, 1]
         for k in range(num_components):
-            summed[:] = 0.0
-            for u in range(unit_offsets[b], unit_offsets[b + 1]):
-                for m in range(num_moments):
+            for m in range(num_moments):
+                summed[m] = 0.0
+                for u in range(unit_offsets[b], unit_offsets[b + 1]):
                     summed[m] += moments[u, k, m]
             statistics[b, k, 0] = summed[0]
             place = 1 + dim
@@ -145,7 +145,8 @@ def _lengthen(
     target: Array, trial: Array, factor: Array,
 ) -> bool:  # fmt: skip
     """Statistics beyond those of the E-step, into `target`; False where they leave no mixture (see `extrapolate`)."""
-    num_components, dim = covariances.shape[1:3]
+    first = np.int64(0)
+    num_components, dim = covariances.shape[1], covariances.shape[2]
     for k in range(num_components):
         before = weights[b, k] * total
         target[k, 0] = before + step * (statistics[b, k, 0] - before)
@@ -159,8 +160,8 @@ def _lengthen(
         if weights[b, k] > 0.0:
             if not target[k, 0] > _LEAST_SHARE * statistics[b, k, 0]:
                 return False
-            _covariance(target, k, added, 0.0, trial, 0, 0)
-            if not cholesky(trial, 0, 0, factor):
+            _covariance(target, k, added, 0.0, trial, first, first)
+            if not cholesky(trial, first, first, factor):
                 return False
     return True
 
@@ -193,7 +194,7 @@ def maximize(
     The statistics are those of the E-step with the mixtures `weights` to `factors`; the new mixtures go into
     `new_weights` to `new_factors`.
     """
-    num_components, dim = means.shape[1:]
+    num_components, dim = means.shape[1], means.shape[2]
     factor, trial = np.zeros((dim, dim)), np.zeros((1, 1, dim, dim))
     target = np.zeros((num_components, statistics.shape[2]))
     for b in clouds:
@@ -201,7 +202,9 @@ def maximize(
             b, step[b], total[b], added[b], weights, covariances, statistics, target, trial, factor
         )
         if not lengthened:
-            target[:] = statistics[b]
+            for k in range(num_components):
+                for m in range(statistics.shape[2]):
+                    target[k, m] = statistics[b, k, m]
         kept = 0.0
         for k in range(num_components):
             usable = weights[b, k] > 0.0 and target[k, 0] > starved[b]
@@ -231,6 +234,7 @@ def accept(
 
     Only a step of EM's own ends the iterations of a cloud: a gain of at most its tolerance (B,), NaN for never.
     """
+    num_components, dim = means.shape[1], means.shape[2]
     for b in clouds:
         num_iterations[b] += 1
         won = new_totals[b, 0] - totals[b, 0]
@@ -242,6 +246,13 @@ def accept(
         converged[b] |= small and plain
         step[b] = 1.0 if small else min(step[b] * relaxation, _LONGEST_STEP)
         gain[b] = won
-        totals[b], statistics[b] = new_totals[b], new_statistics[b]
-        weights[b], means[b] = new_weights[b], new_means[b]
-        covariances[b], factors[b] = new_covariances[b], new_factors[b]
+        totals[b, 0], totals[b, 1] = new_totals[b, 0], new_totals[b, 1]
+        for k in range(num_components):
+            weights[b, k] = new_weights[b, k]
+            for m in range(statistics.shape[2]):
+                statistics[b, k, m] = new_statistics[b, k, m]
+            for i in range(dim):
+                means[b, k, i] = new_means[b, k, i]
+                for j in range(dim):
+                    covariances[b, k, i, j] = new_covariances[b, k, i, j]
+                    factors[b, k, i, j] = new_factors[b, k, i, j]

@@ -199,8 +199,16 @@ def _add_moments_3d(u: int, k: int, row: int, share: Array, y: Array, moments: A
         s11 += r1 * y1
         s12 += r1 * y2
         s22 += r2 * y2
-    for place, value in enumerate((count, first0, first1, first2, s00, s01, s02, s11, s12, s22)):
-        moments[u, k, place] += np.float64(value)
+    moments[u, k, 0] += np.float64(count)
+    moments[u, k, 1] += np.float64(first0)
+    moments[u, k, 2] += np.float64(first1)
+    moments[u, k, 3] += np.float64(first2)
+    moments[u, k, 4] += np.float64(s00)
+    moments[u, k, 5] += np.float64(s01)
+    moments[u, k, 6] += np.float64(s02)
+    moments[u, k, 7] += np.float64(s11)
+    moments[u, k, 8] += np.float64(s12)
+    moments[u, k, 9] += np.float64(s22)
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_FAST, cache=True)
@@ -279,8 +287,10 @@ def pass_over_points(
     for i in range(first, last):
         u = units[i]
         b = owners[u]
-        moments[u] = 0.0
-        values[u] = 0.0
+        values[u, 0] = values[u, 1] = 0.0
+        for k in range(num_components):
+            for m in range(moments.shape[2]):
+                moments[u, k, m] = 0.0
         for g in range(starts[u], stops[u]):
             place_center(g, b, centers, form, offsets, squared)
             nearest = _bounds(g, b, reach, form, squared, above)
@@ -295,7 +305,7 @@ def pass_over_points(
                 for p in range(packed):
                     for t in range(TILE):
                         spread[p, t] = spreads[g, p, t]
-            count, lowest = 0, 0.0
+            count, lowest = np.int64(0), 0.0  # a literal 0 would compile `whiten` twice
             for j in range(-1, num_components):
                 k = nearest if j < 0 else j
                 if j == nearest or (j >= 0 and above[k] <= lowest - _NEAR):
