@@ -1,12 +1,17 @@
-"""Points summed up in the leaves of an octree: cells on which the order can be searched before all points are used.
+"""Fewer points, on which the order can be searched before all are used: some of the points, or cells of them.
 
-EM over cells is a lower bound of EM over the points and needs only their count, mean and covariance (Moore 1999;
-Verbeek, Nunnink & Vlassis 2006). A leaf is the largest cube, of sides halved again and again, with at most so many
-points: cells follow the density of the scan. In D dimensions it is the 2^D-tree, found by sorting along a Morton curve.
+`thin` takes one of so many points along a space-filling curve. What they say of a mixture is unbiased: the thickness of
+a wall, and what a component more would gain, are those of all points.
+
+`coarsen` sums the points up in the leaves of an octree. EM over cells is a lower bound of EM over the points and needs
+only their count, mean and covariance (Moore 1999; Verbeek, Nunnink & Vlassis 2006). A leaf is the largest cube, of
+sides halved again and again, with at most so many points: cells follow the density of the scan. In D dimensions it is
+the 2^D-tree, found by sorting along a Morton curve.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import torch
@@ -14,11 +19,41 @@ from torch import Tensor
 
 from gmmtorch.clouds import PointClouds
 from gmmtorch.errors import ArgumentError
+from gmmtorch.tiles import spatial_order
 
-__all__ = ["coarsen"]
+__all__ = ["coarsen", "thin"]
+
+_FEWEST = 2048  # points that `thin` leaves of a larger cloud
 
 _KEY_BITS = 60
 _TABLE_BITS = 10
+
+
+def thin(clouds: PointClouds, stride: int) -> PointClouds:
+    """Keep one of `stride` points of every cloud, evenly along a Morton curve, in their order.
+
+    Weights are scaled so that the total stays. At least 2 048 points are kept, all where there are no more. What is
+    kept of a cloud does not depend on the others of the batch.
+
+    Args:
+        clouds: B clouds, centred and scaled to an extent of about 1 (`gmmtorch.normalization`).
+        stride: points for each one that is kept.
+
+    Raises:
+        ArgumentError: if `stride` is less than 1.
+    """
+    if stride < 1:
+        raise ArgumentError(f"stride must be >= 1, got {stride}")
+    kept = []
+    for here in clouds.split(spatial_order(clouds)):
+        step = max(1, min(stride, len(here) // _FEWEST))
+        kept.append(torch.sort(here[step // 2 :: step]).values)
+    rows = torch.cat(kept)
+    offsets = (0, *itertools.accumulate(len(points) for points in kept))
+    spreads = None if clouds.spreads is None else clouds.spreads[rows]
+    thinned = PointClouds(clouds.points[rows], clouds.weights[rows], spreads, offsets, clouds.dtype)
+    scale = clouds.total_weights / thinned.total_weights.clamp_min(torch.finfo(torch.float64).tiny)
+    return replace(thinned, weights=thinned.weights * scale[thinned.cloud_index])
 
 
 def coarsen(clouds: PointClouds, max_points: int = 16) -> PointClouds:

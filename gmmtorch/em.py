@@ -113,7 +113,7 @@ def fit_em(
     initial: GaussianMixtures | None = None,
     max_iterations: int = 100,
     tolerance: Tolerance = "mdl",
-    seed: int = 0,
+    seed: int | Sequence[int] = 0,
     n_init: int = 1,
     initializer: str = "evenly_spaced",
     min_std: float | None = None,
@@ -130,7 +130,7 @@ def fit_em(
         max_iterations: M-steps at most.
         tolerance: EM stops when it gains at most so many nats in total; "mdl" is Bouman's
             0.01 (1 + D + D (D + 1) / 2) log(N D), None makes all iterations.
-        seed: of the random initialisers.
+        seed: of the random initialisers, one for all clouds or one per cloud.
         n_init: initialisations of every cloud, run as one batch; the most likely result is kept.
         initializer: name of an initialiser of `gmmtorch.INITIALIZERS`.
         min_std: covariance floor as a standard deviation, m.
@@ -152,7 +152,8 @@ def fit_em(
     if num_components is None:
         raise ArgumentError("fit_em needs num_components, or initial mixtures to start from")
     held, status = feasible_components(problem, num_components)
-    workload, starts = several_starts(problem, held, initializer, seed, n_init)
+    starts = several_starts(problem, held, initializer, seed, n_init)
+    workload = problem.workload.take(list(range(len(held))) * n_init)
     states = run_em(workload, starts, max_iterations)
     best = states.take(best_start(-states.objective, n_init))
     return _result(problem, best, status)

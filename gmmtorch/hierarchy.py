@@ -8,6 +8,7 @@ covariance. No random number is drawn, and the order of the points does not matt
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -21,6 +22,9 @@ __all__ = ["merged_groups"]
 
 _GROUPS_PER_COMPONENT = 6
 """Groups that are cut for each component wanted; more changes little and costs the square of it."""
+
+_MOST_POINTS = 16_384
+"""Points of a cloud that are partitioned, evenly in their order; more tell little about so few groups."""
 
 _THICKNESS = 1e-4
 """Least standard deviation of a group as a share of the cloud's extent: keeps exact planes comparable."""
@@ -60,7 +64,7 @@ def merged_groups(clouds: PointClouds, num_components: Sequence[int]) -> Groups:
 def _merged(clouds: PointClouds, order: int) -> Groups:
     """Moments of `order` groups of every cloud, at least one slot."""
     slots = max(1, order)
-    groups = _partition(clouds, _GROUPS_PER_COMPONENT * slots)
+    groups = _partition(_sampled(clouds), _GROUPS_PER_COMPONENT * slots)
     thickness = _THICKNESS**2 * torch.eye(clouds.dim, dtype=torch.float64, device=clouds.device)
     groups = groups._replace(covariances=groups.covariances + thickness)
     groups = _join(groups, order)
@@ -71,6 +75,18 @@ def _merged(clouds: PointClouds, order: int) -> Groups:
         torch.take_along_dim(groups.means, first[..., None], 1),
         torch.take_along_dim(groups.covariances, first[..., None, None], 1),
     )
+
+
+def _sampled(clouds: PointClouds) -> PointClouds:
+    """The same clouds with every second, third, ... point of those that have more than enough."""
+    bounds = list(itertools.pairwise(clouds.offsets))
+    if max(last - first for first, last in bounds) <= _MOST_POINTS:
+        return clouds
+    kept = [torch.arange(first, last, -(-(last - first) // _MOST_POINTS) or 1) for first, last in bounds]
+    rows = torch.cat(kept).to(clouds.device)
+    offsets = (0, *itertools.accumulate(len(points) for points in kept))
+    spreads = None if clouds.spreads is None else clouds.spreads[rows]
+    return PointClouds(clouds.points[rows], clouds.weights[rows], spreads, offsets, clouds.dtype)
 
 
 def _partition(clouds: PointClouds, num_groups: int) -> Groups:

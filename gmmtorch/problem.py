@@ -12,7 +12,7 @@ from torch import Tensor
 
 from gmmtorch import linalg
 from gmmtorch.clouds import PointClouds
-from gmmtorch.coarsening import coarsen
+from gmmtorch.coarsening import coarsen, thin
 from gmmtorch.components import Components
 from gmmtorch.errors import ArgumentError, ShapeError, Status
 from gmmtorch.hierarchy import Groups
@@ -23,6 +23,7 @@ from gmmtorch.statistics import total_covariance
 from gmmtorch.tiles import Tiles
 
 __all__ = [
+    "Coarsening",
     "CovarianceFloor",
     "Problem",
     "Tolerance",
@@ -37,6 +38,7 @@ __all__ = [
 ]
 
 CovarianceFloor = Literal["model", "paper"]
+Coarsening = Literal["points", "cells"]
 Tolerance = float | Literal["mdl"] | None
 
 _STARVED = 1e-6  # of the mean point weight: below it a component explains nothing and is dropped
@@ -102,11 +104,13 @@ class Problem:
         normalized = self.normalized.take(rows.tolist())
         return Problem(normalized, self.workload.take(rows.tolist()), self.covariance[rows])
 
-    def coarsened(self, max_points: int) -> Problem:
-        """The same problem with the points summed up in cells, see `coarsen`."""
-        cells = coarsen(self.normalized.clouds, max_points)
-        workload = replace(self.workload, tiles=Tiles.build(cells))
-        return Problem(replace(self.normalized, clouds=cells), workload, self.covariance)
+    def coarsened(self, factor: int, by: Coarsening) -> Problem:
+        """The same problem with fewer points: one of `factor` (`thin`), or cells of at most so many (`coarsen`)."""
+        if by not in ("points", "cells"):
+            raise ArgumentError(f"coarse_by must be 'points' or 'cells', got {by!r}")
+        fewer = (thin if by == "points" else coarsen)(self.normalized.clouds, factor)
+        workload = replace(self.workload, tiles=Tiles.build(fewer))
+        return Problem(replace(self.normalized, clouds=fewer), workload, self.covariance)
 
 
 def prepare(
@@ -212,16 +216,34 @@ def several_starts(
     problem: Problem,
     num_components: Sequence[int],
     initializer: str,
-    seed: int,
+    seed: int | Sequence[int],
     n_init: int,
     initial: GaussianMixtures | None = None,
-) -> tuple[Workload, Components]:
-    """Several initialisations of every cloud, as a longer batch (n_init B,) over the same points."""
+) -> Components:
+    """Several initialisations of every fit, as a longer batch (n_init B,): all first ones, then all second ones.
+
+    Args:
+        problem: the batch.
+        num_components: K of every fit (B,).
+        initializer: name of an initialiser.
+        seed: one for all fits, or one per fit (B,).
+        n_init: initialisations of every fit.
+        initial: mixtures that the initialiser `from_mixtures` begins with (B,).
+    """
+    seeds = [seed] * len(num_components) if isinstance(seed, int) else list(seed)
+    if len(seeds) != len(num_components):
+        raise ShapeError(f"expected one seed or {len(num_components)}, one per fit, got {len(seeds)}")
     starts = [
-        initial_components(problem, num_components, initializer, seed, i, initial) for i in range(n_init)
+        initial_components(problem, num_components, initializer, seeds[0], i, initial) for i in range(n_init)
     ]
-    clouds = list(range(len(num_components))) * n_init
-    return problem.workload.take(clouds), Components.concatenate(starts)
+    for other in sorted(set(seeds) - {seeds[0]}):
+        rows = [b for b, s in enumerate(seeds) if s == other]
+        part, here = problem.take(rows), torch.tensor(rows, device=problem.covariance.device)
+        orders, known = [num_components[b] for b in rows], None if initial is None else initial.select(rows)
+        for i, start in enumerate(starts):
+            fresh = initial_components(part, orders, initializer, other, i, known)
+            starts[i] = start.put(here, fresh.pad(start.weights.shape[1]))
+    return Components.concatenate(starts)
 
 
 def best_start(value: Tensor, n_init: int) -> Tensor:

@@ -21,6 +21,7 @@ from gmmtorch.errors import ArgumentError, Status
 from gmmtorch.merging import merge_closest_pair
 from gmmtorch.mixtures import GaussianMixtures
 from gmmtorch.problem import (
+    Coarsening,
     CovarianceFloor,
     Problem,
     Workload,
@@ -93,7 +94,7 @@ def fit_mdl(
     clouds: PointClouds,
     max_components: int | Sequence[int] = 20,
     *,
-    seed: int = 0,
+    seed: int | Sequence[int] = 0,
     n_init: int = 1,
     initializer: str = "evenly_spaced",
     initial: GaussianMixtures | None = None,
@@ -104,6 +105,7 @@ def fit_mdl(
     covariance_floor: CovarianceFloor = "model",
     accelerate: bool = True,
     coarse: int | None = None,
+    coarse_by: Coarsening = "points",
     members: Sequence[int] | None = None,
     return_path: bool = False,
 ) -> FitResult:
@@ -112,7 +114,7 @@ def fit_mdl(
     Args:
         clouds: the batch.
         max_components: K_max, one number or one per fit.
-        seed: of the random initialisers.
+        seed: of the random initialisers, one for all fits or one per fit.
         n_init: initialisations of every fit, run as one batch; the shortest description is kept.
         initializer: name of an initialiser of `gmmtorch.INITIALIZERS`.
         initial: mixtures to start from, one per fit, in the caller's units, of at most K_max components; the others are
@@ -124,8 +126,10 @@ def fit_mdl(
         relative_floor: covariance floor in units of the cloud's robust extent.
         covariance_floor: "model" or "paper", as in `fit_em`.
         accelerate: over-relaxed EM, as in `fit_em`; False makes EM's own steps only, as the paper.
-        coarse: search the order on cells of at most so many points (`coarsen`), then polish the best mixture by EM on
-            all points. The path keeps the lengths on the cells, but for the order chosen.
+        coarse: search the order on so many times fewer points, then polish the best mixture by EM on all of them. The
+            path keeps the lengths on the fewer points, but for the order chosen.
+        coarse_by: what those are: "points", one of so many (`gmmtorch.coarsening.thin`), or "cells" of at most so many
+            points (`coarsen`), whose bound prefers smaller orders.
         members: cloud of every fit (B',), for several fits of a cloud, with other K_max, that share its points;
             by default every cloud is fitted once.
         return_path: also return the mixtures of all orders.
@@ -140,11 +144,12 @@ def fit_mdl(
         initializer = "from_mixtures"
     value = criterion_named(criterion)
     problem = prepare(clouds, min_std, relative_floor, covariance_floor, "mdl", accelerate)
-    searched = problem if coarse is None else problem.coarsened(coarse)
+    searched = problem if coarse is None else problem.coarsened(coarse, coarse_by)
     if members is not None:
         problem, searched = problem.take(members), searched.take(members)
     held, before = feasible_components(searched, max_components)
-    workload, starts = several_starts(searched, held, initializer, seed, n_init, initial)
+    starts = several_starts(problem, held, initializer, seed, n_init, initial)
+    workload = searched.workload.take(list(range(len(held))) * n_init)
     found = search_orders(workload, starts, held * n_init, value, max_iterations, return_path)
     found = found.take(best_start(found.mdl, n_init))
     if coarse is not None:

@@ -24,7 +24,7 @@ from torch import Tensor
 from gmmtorch import linalg
 from gmmtorch.clouds import PointClouds
 
-__all__ = ["TILE", "Storage", "Tiles", "lift"]
+__all__ = ["TILE", "Storage", "Tiles", "lift", "spatial_order"]
 
 TILE = 128
 """Points of a tile: in larger ones more components matter, smaller ones cost more by the tile."""
@@ -210,7 +210,7 @@ def _owners(counts: Sequence[int], device: torch.device) -> Tensor:
 
 def _tile_sources(clouds: PointClouds, counts: Sequence[int]) -> tuple[Tensor, Tensor]:
     """Point that fills each place of each tile (G, T) int64, and whether it is one, not padding (G, T) bool."""
-    order = _spatial_order(clouds)
+    order = spatial_order(clouds)
     device = clouds.device
     owner = _owners(counts, device)
     first_tile = torch.tensor(_starts(counts), device=device)[owner]
@@ -221,7 +221,7 @@ def _tile_sources(clouds: PointClouds, counts: Sequence[int]) -> tuple[Tensor, T
     return order[starts + torch.minimum(rank, sizes - 1)], rank < sizes
 
 
-def _spatial_order(clouds: PointClouds) -> Tensor:
+def spatial_order(clouds: PointClouds) -> Tensor:
     """Order of the points along a Morton curve within each cloud (N,) int64.
 
     x / (1 + |x|) brings the whole line into (-1, 1), so that one far outlier does not flatten the curve.

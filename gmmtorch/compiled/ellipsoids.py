@@ -14,7 +14,7 @@ Array = np.ndarray
 _RIDGE = 1e-6  # of a tile's extent: the ellipsoid around a flat tile is a little thick
 
 
-@njit(nogil=True, error_model="numpy", cache=True)
+@njit(nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz", "nnan"}, cache=True)
 def ellipsoids(local: Array, weights: Array) -> Array:
     """Packed matrices R of ellipsoids z^T R^-1 z <= 1 that hold the points of each tile (S, P), P = D (D + 1) / 2.
 
@@ -25,9 +25,9 @@ def ellipsoids(local: Array, weights: Array) -> Array:
         weights: 0 for padding (S, 1, T).
     """
     num_tiles, dim, length = local.shape
-    first = np.int64(0)
     reach = np.zeros((num_tiles, dim * (dim + 1) // 2))
-    scatter, factor, white = np.zeros((1, 1, dim, dim)), np.zeros((dim, dim)), np.zeros(dim)
+    scatter, factor, first = np.zeros((1, 1, dim, dim)), np.zeros((dim, dim)), np.int64(0)
+    white, squared = np.zeros((dim, length)), np.zeros(length)
     for g in range(num_tiles):
         real, trace, farthest = 0, 0.0, 0.0
         for t in range(length):
@@ -44,14 +44,18 @@ def ellipsoids(local: Array, weights: Array) -> Array:
         if not cholesky(scatter, first, first, factor):
             continue  # one point: the ellipsoid is that point
         for t in range(length):
-            squared = 0.0
-            for i in range(dim):
-                value = local[g, i, t]
-                for c in range(i):
-                    value -= factor[i, c] * white[c]
-                white[i] = value / factor[i, i]
-                squared += white[i] * white[i]
-            farthest = max(farthest, squared)
+            squared[t] = 0.0
+        for i in range(dim):
+            for t in range(length):
+                white[i, t] = local[g, i, t]
+            for c in range(i):
+                for t in range(length):
+                    white[i, t] -= factor[i, c] * white[c, t]
+            for t in range(length):
+                white[i, t] /= factor[i, i]
+                squared[t] += white[i, t] * white[i, t]
+        for t in range(length):
+            farthest = max(farthest, squared[t])
         place = 0
         for i in range(dim):
             for j in range(i, dim):

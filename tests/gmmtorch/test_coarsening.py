@@ -1,10 +1,11 @@
-"""Cells of an octree, and order searches that begin on them."""
+"""Fewer points and cells of an octree, and order searches that begin on them."""
 
 import numpy as np
 import pytest
 import torch
 
 from gmmtorch import ArgumentError, PointClouds, coarsen, description_length, fit_em, fit_mdl
+from gmmtorch.coarsening import thin
 from tests.helpers import blobs, hostile_clouds, room
 
 
@@ -56,9 +57,10 @@ def test_a_batch_is_its_members_and_identical_points_are_one_cell():
         coarsen(clouds, 0)
 
 
-def test_a_coarse_search_is_polished_on_all_points():
+@pytest.mark.parametrize("by", ["points", "cells"])
+def test_a_coarse_search_is_polished_on_all_points(by):
     clouds = PointClouds.from_list([room(20_000), room(5_000, 1)])
-    coarse, full = fit_mdl(clouds, 12, coarse=8), fit_mdl(clouds, 12)
+    coarse, full = fit_mdl(clouds, 12, coarse=8, coarse_by=by), fit_mdl(clouds, 12)
     torch.testing.assert_close(coarse.mdl, description_length(coarse.mixtures, clouds), rtol=1e-9, atol=0)
     again = fit_em(clouds, initial=coarse.mixtures, max_iterations=1, tolerance=None)
     assert (
@@ -69,10 +71,28 @@ def test_a_coarse_search_is_polished_on_all_points():
     assert torch.equal(chosen, coarse.mdl)
 
 
-def test_a_coarse_search_survives_what_the_full_one_does():
+def test_a_thinned_cloud_is_spread_as_evenly_and_weighs_as_much():
+    rng = np.random.default_rng(0)
+    points = [rng.uniform(-1, 1, (40_000, 3)), rng.normal(size=(2_500, 3)), np.zeros((0, 3))]
+    clouds = PointClouds.from_list(points, [np.arange(len(x)) + 1.0 for x in points])
+    fewer = thin(clouds, 10)
+    assert fewer.sizes == (4_000, 2_500, 0)
+    torch.testing.assert_close(fewer.total_weights, clouds.total_weights)
+    corners = (fewer[0].points > 0).long() @ torch.tensor([1, 2, 4])
+    assert (torch.bincount(corners) - 500).abs().max() < 30  # 21 would be the deviation of a random choice
+    rows = [(clouds[0].points == p).all(1).nonzero().item() for p in fewer[0].points[::500]]
+    assert rows == sorted(rows)
+    for b in range(3):
+        assert torch.equal(thin(clouds[b], 10).points, fewer[b].points)
+    with pytest.raises(ArgumentError, match="stride"):
+        thin(clouds, 0)
+
+
+@pytest.mark.parametrize("by", ["points", "cells"])
+def test_a_coarse_search_survives_what_the_full_one_does(by):
     clouds = PointClouds.from_list(list(hostile_clouds().values()))
-    coarse, full = fit_mdl(clouds, 6, coarse=4), fit_mdl(clouds, 6)
+    coarse, full = fit_mdl(clouds, 6, coarse=4, coarse_by=by), fit_mdl(clouds, 6)
     assert coarse.mdl.isfinite().all()
     assert torch.equal(coarse.mixtures.num_components > 0, full.mixtures.num_components > 0)
-    repeated = fit_mdl(clouds, [3, 6], coarse=4, members=[1, 1])
+    repeated = fit_mdl(clouds, [3, 6], coarse=4, coarse_by=by, members=[1, 1])
     assert torch.equal(repeated.mdl[1:], coarse.mdl[1:2])

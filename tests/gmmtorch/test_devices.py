@@ -11,7 +11,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from gmmtorch import PointClouds, fit_em, fit_mdl
 from gmmtorch.components import Components
 from gmmtorch.em import EMState, em_step
-from gmmtorch.merging import merge_closest_pair
+from gmmtorch.merging import merge_by_tensor_operations
 from gmmtorch.problem import Workload, initial_components, prepare
 from gmmtorch.statistics import expectation, log_likelihood
 from gmmtorch.tiles import Storage, Tiles
@@ -74,7 +74,7 @@ def test_an_iteration_does_not_synchronise(monkeypatch, dtype, accelerate):
             state, statistics = em_step(work, state, statistics)
         log_likelihood(work.tiles, state.components)
         total = problem.normalized.clouds.total_weights
-        merge_closest_pair(state.components, total, state.converged).compact(5)
+        merge_by_tensor_operations(state.components, total, state.converged).compact(5)
     assert (state.num_iterations == 3).all()
 
 

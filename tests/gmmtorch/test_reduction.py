@@ -9,6 +9,7 @@ from gmmtorch import (
     ArgumentError,
     GaussianMixtures,
     PointClouds,
+    ShapeError,
     Status,
     description_length,
     fit_em,
@@ -16,7 +17,7 @@ from gmmtorch import (
 )
 from gmmtorch.components import Components
 from gmmtorch.criteria import CRITERIA, merge_saving
-from gmmtorch.merging import merge_closest_pair, merge_distances
+from gmmtorch.merging import merge_by_tensor_operations, merge_closest_pair, merge_distances
 from tests.helpers import blobs, hostile_clouds, mixture_parameters, room
 from tests.reference import em as naive
 
@@ -228,3 +229,42 @@ def test_several_fits_of_one_cloud_equal_single_ones():
         alone = fit_mdl(clouds[b], order, n_init=3, initializer="kmeans++")
         assert torch.equal(alone.mdl[0], together.mdl[i])
         assert torch.equal(alone.mixtures.means[0], together.mixtures.means[i, : alone.mixtures.num_slots])
+
+
+@pytest.mark.parametrize("by_tensor_operations", [False, True])
+def test_both_ways_of_merging_agree(by_tensor_operations):
+    """Clouds that shrink and others that stay, absent components, D from 1 to 4."""
+    for dim in (1, 3, 4):
+        parts = [mixture_parameters(5, dim, seed=s) for s in range(3)]
+        weights, means, covariances = (
+            torch.from_numpy(np.stack(values)) for values in zip(*parts, strict=True)
+        )
+        weights[1, 2] = 0.0
+        components = Components.create(weights, means, covariances)
+        total, shrinking = torch.tensor([100.0, 5.0, 1e4]).double(), torch.tensor([True, True, False])
+        naive_pairs = [merge_distances(components, total)[b].argmin() for b in (0, 1)]
+        merge = merge_by_tensor_operations if by_tensor_operations else merge_closest_pair
+        merged = merge(components, total, shrinking)
+        left, right = torch.triu_indices(5, 5, 1)
+        for b, pair in enumerate(naive_pairs):
+            assert merged.weights[b, right[pair]] == 0
+            torch.testing.assert_close(merged.weights[b].sum(), torch.ones(()).double())
+            share = components.weights[b, [left[pair], right[pair]]].sum()
+            torch.testing.assert_close(merged.weights[b, left[pair]], share)
+        assert torch.equal(merged.means[2], components.means[2])
+        other = merge_by_tensor_operations(components, total, shrinking)
+        for name in ("weights", "means", "covariances", "factors"):
+            torch.testing.assert_close(getattr(merged, name), getattr(other, name))
+
+
+def test_seeds_and_orders_are_members_of_one_batch():
+    scan = PointClouds.from_list([room(1500), blobs(400)])
+    orders, seeds, members = [4, 6, 4, 6, 5], [0, 0, 3, 3, 7], [0, 0, 0, 0, 1]
+    options = {"initializer": "random_points", "n_init": 2}
+    together = fit_mdl(scan, orders, seed=seeds, members=members, **options)
+    for i, (order, seed, member) in enumerate(zip(orders, seeds, members, strict=True)):
+        alone = fit_mdl(scan[member], order, seed=seed, **options)
+        assert torch.equal(alone.mdl, together.mdl[i : i + 1])
+    assert len(set(together.mdl[:4].tolist())) == 4
+    with pytest.raises(ShapeError, match="one per fit"):
+        fit_mdl(scan, 3, seed=[1, 2, 3])
