@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+GMM_GPU := .venv-gmm-gpu
 OPEN3D_LIBRARIES := libGL.so.1 libEGL.so.1 libX11.so.6 libusb-1.0.so.0 libudev.so.1 libidn2.so.0 libgomp.so.1
 OPEN3D_PACKAGES := libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1
 
@@ -14,7 +15,7 @@ help:
 	@echo "make lint       ruff (lint and format) and mypy"
 	@echo "make paper      the paper's experiments in our numbers, one page (make paper-fast: a small part of them)"
 	@echo "make bench      the benchmarks (pytest-benchmark), as bench.json and bench.html"
-	@echo "make bench-engine    the engine beside oneDAL, scikit-learn and gmcluster, in one table"
+	@echo "make bench-engine    the engine beside oneDAL, scikit-learn, gmcluster and gmm-gpu, in one table"
 	@echo "make bench-accuracy  how well changes are found, in seven tables (ARGS='--table mosd --seeds 2' for a part)"
 	@echo "make bench-sweeps    what sweeps cost and what they survive, in five points (ARGS='1 2 --small' for a part)"
 
@@ -71,7 +72,9 @@ bench: setup
 
 bench-engine: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
-	$(BIN)/python -m benchmarks.engine $(ARGS)
+	test -x $(GMM_GPU)/bin/python || $(PYTHON) -m venv $(GMM_GPU)
+	$(GMM_GPU)/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt 'numpy<2' gmm-gpu
+	OMP_WAIT_POLICY=PASSIVE $(BIN)/python -m benchmarks.engine $(ARGS)
 
 bench-accuracy: setup
 	$(BIN)/python -m benchmarks.accuracy $(ARGS)
@@ -80,4 +83,4 @@ bench-sweeps: setup
 	$(BIN)/python -m benchmarks.sweeps $(ARGS)
 
 clean:
-	rm -rf $(VENV) demo-output paper-output accuracy-output .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(GMM_GPU) demo-output paper-output accuracy-output .mypy_cache .pytest_cache .ruff_cache .hypothesis

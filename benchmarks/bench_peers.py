@@ -51,9 +51,9 @@ def test_em_gmmtorch(benchmark, cloud, start):
 @EM
 def test_em_onedal(benchmark, cloud, start):
     pytest.importorskip("daal4py", reason="the extra [bench] is not installed")
-    from benchmarks.engine import onedal_em
+    from benchmarks.engine.peers import OneDal
 
-    timed(benchmark, "oneDAL", onedal_em(cloud, start, ITERATIONS, "float64"))
+    timed(benchmark, "oneDAL", OneDal(cloud, start, ITERATIONS, "float64"))
 
 
 @EM
