@@ -30,13 +30,13 @@ class Removals:
     """What was removed from the first mixture of each of B pairs, and the whole course of it.
 
     Attributes:
-        removed: True for the components removed for good (B, K_a). order: component whose removal led to
-        `distances[b, r]` (B, K_a), int64; -1 for r = 0 and beyond the last
-            round. The removal that raised the distance and was put back is the last one listed.
-        distances: earth mover's distance after r removals (B, K_a), in the unit of the cost; NaN beyond the
-        last. num_removed: number of components removed for good (B,), int64. num_solves: transport problems
-        solved (B,), int64. status: a `TransportStatus` per pair (B,), int8; where it is not OPTIMAL the
-        removals made until then are kept.
+        removed: True for the components removed for good (B, K_a).
+        order: component whose removal led to `distances[b, r]` (B, K_a) int64; -1 for r = 0 and beyond the last round.
+            The removal that raised the distance and was put back is the last one listed.
+        distances: earth mover's distance after r removals (B, K_a), in the unit of the cost; NaN beyond the last.
+        num_removed: number of components removed for good (B,) int64.
+        num_solves: transport problems solved (B,) int64.
+        status: a `TransportStatus` per pair (B,) int8; where it is not OPTIMAL the removals made until then are kept.
     """
 
     removed: Tensor

@@ -28,6 +28,7 @@ __all__ = ["TILE", "Storage", "Tiles", "lift", "spatial_order"]
 
 TILE = 128
 """Points of a tile: in larger ones more components matter, smaller ones cost more by the tile."""
+_RIDGE = 1e-6  # of a tile's extent: the ellipsoid around a flat tile is a little thick
 _UNIT = 16  # tiles whose moments are added up in one place, by one thread
 
 
@@ -67,9 +68,14 @@ class Storage:
     @cached_property
     def reach(self) -> Tensor:
         """Packed R of an ellipsoid z^T R^-1 z <= 1 about each centre that holds the points (S, D (D + 1) / 2)."""
-        from gmmtorch.compiled.ellipsoids import ellipsoids  # 0.4 s: the import of Numba
-
-        return torch.from_numpy(ellipsoids(self.local.numpy(), self.weights.numpy()))
+        real = (self.weights > 0).sum(-1, keepdim=True).clamp_min(1)  # (S, 1, 1)
+        scatter = torch.bmm(self.local, self.local.transpose(1, 2)) / real
+        extent = scatter.diagonal(dim1=1, dim2=2).sum(-1)[:, None, None]
+        ridge = torch.where(extent > 0, _RIDGE * extent, 1.0)  # a tile of one point has no extent
+        scatter = scatter + ridge * torch.eye(self.local.shape[1], dtype=scatter.dtype)
+        white = torch.linalg.solve_triangular(torch.linalg.cholesky(scatter), self.local, upper=False)
+        farthest = white.square().sum(1).amax(1, keepdim=True)  # (S, 1)
+        return linalg.pack_symmetric(scatter) * farthest * (1.0 + _RIDGE)
 
 
 @dataclass(frozen=True)

@@ -74,11 +74,12 @@ class UnbalancedTransport:
     """Optimal transport that may leave mass of either mixture unmatched, for B pairs.
 
     Attributes:
-        total_cost: transport plus tau times all unmatched mass (B,), cost x mass; NaN unless OPTIMAL. plan:
-        mass carried from each component of a to each of b (B, K_a, K_b). unmatched_a: mass of each
-        component of a with no partner in b (B, K_a): what was added, if a is current. unmatched_b: mass of
-        each component of b with no partner in a (B, K_b): what was removed. gap: primal minus dual
-        objective (B,), cost x mass. status: a `TransportStatus` per pair (B,), int8.
+        total_cost: transport plus tau times all unmatched mass (B,), cost x mass; NaN unless OPTIMAL.
+        plan: mass carried from each component of a to each of b (B, K_a, K_b).
+        unmatched_a: mass of each component of a with no partner in b (B, K_a): what was added, if a is current.
+        unmatched_b: mass of each component of b with no partner in a (B, K_b): what was removed.
+        gap: primal minus dual objective (B,), cost x mass.
+        status: a `TransportStatus` per pair (B,) int8.
     """
 
     total_cost: Tensor
