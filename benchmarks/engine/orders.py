@@ -67,8 +67,8 @@ def coarse_to_fine(n: int, num_rooms: int, runs: int) -> Iterator[Row]:
     rooms = [PointClouds.from_list([room(n, seed)]) for seed in range(num_rooms)]
     full = [float(fit_mdl(clouds, 20).mdl) for clouds in rooms]
     for what, options in {
-        "one point of 16": {"coarse": 16},
         "one point of 32": {"coarse": 32},
+        "one point of 16": {"coarse": 16},
         "cells of 16": {"coarse": 16, "coarse_by": "cells"},
     }.items():
         times = np.array(
