@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -29,18 +30,21 @@ def _merge(
     clouds: Array, total: Array, weights: Array, means: Array, covariances: Array, factors: Array
 ) -> None:
     num_components, dim = means.shape[1], means.shape[2]
-    union, factor, zero = np.zeros((1, 1, dim, dim)), np.zeros((dim, dim)), np.int64(0)
+    zero: Any = np.int64(0)  # a literal 0 would compile what it is given to twice
+    union, factor = np.zeros((1, 1, dim, dim)), np.zeros((1, 1, dim, dim))
     log_dets = np.zeros(num_components)
     for b in clouds:
         for k in range(num_components):
-            log_dets[k] = _log_determinant(factors[b, k])
-        least, left, right = np.inf, 0, 0
+            log_dets[k] = _log_determinant(factors, b, k)
+        least, left, right = np.inf, zero, zero
         for i in range(num_components):
             for j in range(i + 1, num_components):
                 if not (weights[b, i] > 0.0 and weights[b, j] > 0.0):
                     continue
                 _unite(b, i, j, weights, means, covariances, union)
-                joint = _log_determinant(factor) if cholesky(union, zero, zero, factor) else 0.0
+                joint = (
+                    _log_determinant(factor, zero, zero) if cholesky(union, zero, zero, factor[0, 0]) else 0.0
+                )
                 distance = weights[b, i] * (joint - log_dets[i]) + weights[b, j] * (joint - log_dets[j])
                 if 0.5 * total[b] * distance < least:
                     least, left, right = 0.5 * total[b] * distance, i, j
@@ -49,10 +53,10 @@ def _merge(
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
-def _log_determinant(factor: Array) -> float:
+def _log_determinant(factors: Array, b: int, k: int) -> float:
     value = 0.0
-    for i in range(factor.shape[0]):
-        value += 2.0 * math.log(factor[i, i])
+    for i in range(factors.shape[2]):
+        value += 2.0 * math.log(factors[b, k, i, i])
     return value
 
 
@@ -74,9 +78,10 @@ def _replace(
     union: Array, factor: Array,
 ) -> None:  # fmt: skip
     """Put the union in the slot `kept`; a union without a Cholesky factor leaves no component there."""
-    dim, zero = means.shape[2], np.int64(0)
+    dim = means.shape[2]
+    zero: Any = np.int64(0)
     _unite(b, kept, gone, weights, means, covariances, union)
-    positive = cholesky(union, zero, zero, factor)
+    positive = cholesky(union, zero, zero, factor[0, 0])
     share = weights[b, gone] / (weights[b, kept] + weights[b, gone])
     weights[b, kept] = weights[b, kept] + weights[b, gone] if positive else 0.0
     weights[b, gone] = 0.0
@@ -84,7 +89,7 @@ def _replace(
         means[b, kept, a] += share * (means[b, gone, a] - means[b, kept, a])
         for c in range(dim):
             covariances[b, kept, a, c] = union[0, 0, a, c]
-            factors[b, kept, a, c] = factor[a, c]
+            factors[b, kept, a, c] = factor[0, 0, a, c]
     for slot in (kept, gone):
         if weights[b, slot] == 0.0:
             for a in range(dim):
