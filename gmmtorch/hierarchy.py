@@ -100,14 +100,24 @@ def _partition(clouds: PointClouds, num_groups: int) -> Groups:
         place = owner * count + group
         moments = _moments(clouds, place, count, clouds.spreads is not None)
         variances, axes = torch.linalg.eigh(moments.covariances)
+        axis = _pointing_ahead(axes[..., -1])
         scatter = moments.weights * variances[..., -1]
         rank = torch.argsort(torch.argsort(scatter, dim=1, descending=True, stable=True), dim=1)  # (B, G)
         offset = clouds.points - moments.means.flatten(0, 1)[place]
-        beyond = (offset * axes[..., -1].flatten(0, 1)[place]).sum(1) > 0
+        beyond = (offset * axis.flatten(0, 1)[place]).sum(1) > 0
         cut = rank.flatten()[place]
         group = torch.where(beyond & (cut < cuts), count + cut, group)
         count += cuts
     return _moments(clouds, owner * count + group, count)
+
+
+def _pointing_ahead(axes: Tensor) -> Tensor:
+    """Axes (..., D) in the half-space of one fixed direction: an eigenvector has no sign, and groups need an order.
+
+    The direction is oblique, so that the axes of rooms and of squares in them do not lie on its border.
+    """
+    oblique = 0.618 ** torch.arange(axes.shape[-1], dtype=axes.dtype, device=axes.device)
+    return torch.where((axes * oblique).sum(-1, keepdim=True) < 0, -axes, axes)
 
 
 def _moments(clouds: PointClouds, place: Tensor, count: int, between_only: bool = False) -> Groups:
