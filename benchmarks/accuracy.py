@@ -9,6 +9,7 @@ ablation. Parameters are chosen on seeds below 100 and the pairs for tuning; `--
 from __future__ import annotations
 
 import argparse
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,6 +31,7 @@ def main() -> None:
         objects=given.objects,
         detectors=given.detector or default_detectors(),
         batch=given.batch,
+        workers=given.workers,
         final=given.final,
         conditions=given.condition or list(DISTURBANCES),
         file=given.out,
@@ -64,7 +66,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--condition", action="append", choices=list(DISTURBANCES), help="repeatable; all by default"
     )
-    parser.add_argument("--batch", type=int, default=8, help="pairs per call of detect_many (8)")
+    parser.add_argument("--batch", type=int, default=8, help="pairs fitted together (8)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes (one per core)")
     parser.add_argument("--report", action="store_true", help="seeds from 100 on, which nothing was tuned on")
     parser.add_argument(
         "--final", action="store_true", help="score the pairs kept for the final table as well"

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import csv
 import math
+import multiprocessing
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
+import torch
 from rich.console import Console
 
 from novelty import Config, NoveltyResult, PointState, ScanPair, detect_many
@@ -24,6 +29,8 @@ from novelty.evaluation import (
 )
 from novelty.result import Change, ResultStatus
 from novelty.scan import CHANGED, Scan
+from novelty.sweep.compute import Prepared, compute
+from novelty.sweep.settings import Setting
 
 
 @dataclass(frozen=True)
@@ -75,18 +82,48 @@ class Row:
     failure: str = ""
 
 
-def scored(cases: Iterable[Case], variants: Sequence[Variant], batch_size: int) -> Iterator[Row]:
-    """Score every variant on every case, `batch_size` pairs per call of `detect_many`."""
-    remaining = iter(cases)
-    done = 0
+def scored(
+    cases: Iterable[Case], variants: Sequence[Variant], batch_size: int, workers: int = 1
+) -> Iterator[Row]:
+    """Score every variant on every case, `batch_size` pairs at a time; variants share the stages they have in common."""
+    remaining, done = iter(cases), 0
+    batches = iter(lambda: list(islice(remaining, batch_size)), [])
     with Console(stderr=True).status("Making the first pairs") as status:
-        while batch := list(islice(remaining, batch_size)):
-            for variant in variants:
-                status.update(f"{done} rows done; {variant.name} on {batch[0].data}, {batch[0].condition}")
-                results = detect_many([case.pair for case in batch], variant.config)
-                for case, result in zip(batch, results, strict=True):
-                    yield row_of(case, variant.name, result)
-                done += len(batch)
+        for rows in _in_processes(partial(_score_batch, variants=variants), batches, workers):
+            done += len(rows)
+            status.update(f"{done} rows done; {rows[-1].data}, {rows[-1].condition}")
+            yield from rows
+
+
+def _in_processes(
+    score: Callable[[list[Case]], list[Row]], batches: Iterator[list[Case]], workers: int
+) -> Iterator[list[Row]]:
+    """The rows of every batch, in order; the next cases are made while the workers score."""
+    if workers <= 1:
+        yield from map(score, batches)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+        waiting: deque[Future[list[Row]]] = deque()
+        for batch in batches:
+            waiting.append(pool.submit(score, batch))
+            if len(waiting) > workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def _score_batch(cases: list[Case], variants: Sequence[Variant]) -> list[Row]:
+    """The rows of a batch, variant by variant; a batch that breaks is scored as `detect_many` does, pair by pair."""
+    pairs = [case.pair for case in cases]
+    settings = [Setting(i, variant.config, {}, 0) for i, variant in enumerate(variants)]
+    try:
+        outcomes = list(compute(Prepared.of(pairs, settings, None), None))
+    except Exception:
+        results = [(i, detect_many(pairs, variant.config)) for i, variant in enumerate(variants)]
+        return [row_of(c, variants[i].name, r) for i, rs in results for c, r in zip(cases, rs, strict=True)]
+    outcomes.sort(key=lambda outcome: (outcome.setting.index, outcome.place))
+    return [row_of(cases[o.place], variants[o.setting.index].name, o.result) for o in outcomes]
 
 
 def row_of(case: Case, variant: str, result: NoveltyResult) -> Row:

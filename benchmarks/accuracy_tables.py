@@ -23,7 +23,7 @@ from novelty.fitting import FitPlan
 from novelty.preprocess import prepare_pairs
 from novelty.section import section_fields
 
-console = Console(width=100, highlight=False)
+console = Console(width=128, highlight=False)
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ class Options:
     objects: int
     detectors: Sequence[str]
     batch: int
+    workers: int
     final: bool
     conditions: Sequence[str]
     file: Path
@@ -42,6 +43,28 @@ class Options:
 def detector_variants(options: Options) -> list[Variant]:
     """Every detector as it comes."""
     return [Variant(name, Config(detector=name)) for name in options.detectors]
+
+
+def unrefined_variants(options: Options) -> list[Variant]:
+    """Every detector alone: no label is refined, and what was hidden is still not new."""
+    return [
+        Variant(f"{v.name}, unrefined", v.config.replace(**{"refine.method": "none"}))
+        for v in detector_variants(options)
+    ]
+
+
+def default_and_unrefined(options: Options) -> list[Variant]:
+    """The default as it comes, then every detector without the refinement that makes their labels alike."""
+    return [Variant("default", Config()), *unrefined_variants(options)]
+
+
+def paper_variants() -> list[Variant]:
+    """The paper's two criteria with every choice as printed."""
+    paper = Config.preset("paper")
+    return [
+        Variant(f"{name}, preset paper", paper.replace(detector=name))
+        for name in ("greedy_emd", "structural_matching")
+    ]
 
 
 DISTANCES = (0.01, 0.02, 0.04, 0.1, 0.2)
@@ -80,12 +103,10 @@ def _variant(name: str, detector: str, **lengths: float) -> Variant:
 
 def mosd(options: Options) -> list[Row]:
     """1. Real pairs: every detector with and without refinement."""
-    plain = [
-        Variant(f"{v.name}, unrefined", v.config.replace(**{"refine.method": "none"}))
-        for v in detector_variants(options)
-    ]
-    variants = [*detector_variants(options), *plain]
-    rows = recorded(options.file, scored(cases.real_pairs(options.final), variants, options.batch))
+    variants = [*detector_variants(options), *unrefined_variants(options), *paper_variants()]
+    rows = recorded(
+        options.file, scored(cases.real_pairs(options.final), variants, options.batch, options.workers)
+    )
     for (condition,), part in grouped(rows, lambda row: (row.condition,)).items():
         _show_mosd(f"1. mosd, pairs-{condition}", part)
     return rows
@@ -106,10 +127,14 @@ def _show_mosd(title: str, rows: list[Row]) -> None:
 def baselines(options: Options) -> list[Row]:
     """2. Beside baselines, on all data sets; a user has one setting."""
     chosen = Config().detector
-    variants = [*(v for v in detector_variants(options) if v.name == chosen), *baseline_variants()]
+    variants = [
+        *(v for v in detector_variants(options) if v.name == chosen),
+        *paper_variants(),
+        *baseline_variants(),
+    ]
     plain = {cases.UNDISTURBED: {}}
     pairs = chain(cases.real_pairs(options.final), cases.simulated(options.seeds, plain, options.objects))
-    rows = recorded(options.file, scored(pairs, variants, options.batch))
+    rows = recorded(options.file, scored(pairs, variants, options.batch, options.workers))
     sets = list(dict.fromkeys(row.data for row in rows))
     table = _table("2. kappa of both scans together, mean [95 %]", "method", *sets, "all sets", "worst pair")
     overall = {}
@@ -140,17 +165,17 @@ def _difference(rows: list[Row], first: str, second: str) -> str:
 
 
 def disturbances(options: Options) -> list[Row]:
-    """3. Simulated scenes under disturbances."""
+    """3. Simulated scenes under disturbances: the default, every detector without refinement, the paper's two."""
     wanted = {name: cases.DISTURBANCES[name] for name in options.conditions}
+    variants = [*default_and_unrefined(options), *paper_variants()]
     pairs = cases.simulated(options.seeds, wanted, options.objects)
-    rows = recorded(options.file, scored(pairs, detector_variants(options), options.batch))
+    rows = recorded(options.file, scored(pairs, variants, options.batch, options.workers))
+    names = [variant.name for variant in variants]
     for scene in cases.SCENES:
         part = [row for row in rows if row.data == scene]
-        table = _table(
-            f"3. {scene}: kappa of both scans together, mean [95 %]", "disturbance", *options.detectors
-        )
+        table = _table(f"3. {scene}: kappa of both scans together, mean [95 %]", "disturbance", *names)
         for (condition,), lines in grouped(part, lambda row: (row.condition,)).items():
-            spans = [interval(row for row in lines if row.variant == name) for name in options.detectors]
+            spans = [interval(row for row in lines if row.variant == name) for name in names]
             table.add_row(condition, *map(_short, spans))
         console.print(table)
     return rows
@@ -160,7 +185,7 @@ def falsealarms(options: Options) -> list[Row]:
     """4. Scenes in which nothing changed; and how many of the objects reported elsewhere are wrong."""
     changed = cases.simulated(options.seeds, {cases.UNDISTURBED: {}}, 1)
     pairs = chain(cases.twice(options.seeds), cases.split_halves(options.seeds[:2]), cases.outdoor(), changed)
-    rows = recorded(options.file, scored(pairs, detector_variants(options), options.batch))
+    rows = recorded(options.file, scored(pairs, detector_variants(options), options.batch, options.workers))
     still = [row for row in rows if row.condition != cases.UNDISTURBED]
     table = _table(
         "4. nothing changed: points flagged / pairs with any object", "pairs", "n", *options.detectors
@@ -213,7 +238,10 @@ def order(options: Options) -> list[Row]:
         for k in (8, 12, 16, 20, 25, 30)
     ]
     few = cases.simulated(options.seeds[:2], {cases.UNDISTURBED: {}}, 1)
-    rows = recorded(options.file, scored(chain(cases.real_pairs(), few), [*seeds, *orders], options.batch))
+    rows = recorded(
+        options.file,
+        scored(chain(cases.real_pairs(), few), [*seeds, *orders], options.batch, options.workers),
+    )
     table = _table(
         "5. mean kappa over all pairs",
         "detector",
@@ -281,7 +309,7 @@ def ablation(options: Options) -> list[Row]:
     }
     pairs = chain(cases.real_pairs(), cases.simulated(options.seeds, conditions, options.objects))
     variants = [variant for name in options.detectors for variant in _without_each(name)]
-    rows = recorded(options.file, scored(pairs, variants, options.batch))
+    rows = recorded(options.file, scored(pairs, variants, options.batch, options.workers))
     columns = list(grouped(rows, lambda row: (row.data, row.condition)))
     heads = [f"{data}\n{condition}" for data, condition in columns]
     table = _table("7. mean kappa of both scans together", "variant", *heads)
