@@ -85,7 +85,7 @@ class Row:
 def scored(
     cases: Iterable[Case], variants: Sequence[Variant], batch_size: int, workers: int = 1
 ) -> Iterator[Row]:
-    """Score every variant on every case, `batch_size` pairs at a time; variants share the stages they have in common."""
+    """Score every variant on every case, `batch_size` pairs at a time; variants share what stages they can."""
     remaining, done = iter(cases), 0
     batches = iter(lambda: list(islice(remaining, batch_size)), [])
     with Console(stderr=True).status("Making the first pairs") as status:

@@ -165,9 +165,9 @@ def _difference(rows: list[Row], first: str, second: str) -> str:
 
 
 def disturbances(options: Options) -> list[Row]:
-    """3. Simulated scenes under disturbances: the default, every detector without refinement, the paper's two."""
+    """3. Simulated scenes under disturbances: the default, and every detector without refinement."""
     wanted = {name: cases.DISTURBANCES[name] for name in options.conditions}
-    variants = [*default_and_unrefined(options), *paper_variants()]
+    variants = default_and_unrefined(options)
     pairs = cases.simulated(options.seeds, wanted, options.objects)
     rows = recorded(options.file, scored(pairs, variants, options.batch, options.workers))
     names = [variant.name for variant in variants]
