@@ -1,13 +1,17 @@
 """The sensors by name.
 
-Figures come from the data sheets named below; `python -m benchmarks.simulation --out DIR` draws the range errors beside
-them. What data sheets do not give is set to moderate values and marked so: the share of lost returns, the steepest
-incidence, and how many of the beams that straddle an edge answer from in between. That they do is documented for the
-LMS-200 by Ye & Borenstein (ICRA 2002) and for the URG-04LX by Okubo, Ye & Borenstein (SPIE 7332, 2009).
+Every figure has its source beside it, with the section that gives it; `python -m benchmarks.simulation --out DIR` draws
+the range errors beside them. What the makers do not print is set to moderate values and called *assumed*: the share of
+lost returns, the steepest incidence, and how many of the beams that straddle an edge answer from in between. That they
+do is documented for the LMS-200 by Ye & Borenstein, Characterization of a 2-D laser scanner for mobile robot obstacle
+negotiation (ICRA 2002), and for the URG-04LX by Okubo, Ye & Borenstein (SPIE 7332, 2009). Only what differs from one
+reading to the next is simulated: a constant offset (up to 15 mm for the LMS-200, 30 to 50 mm for the UTM-30LX) shifts
+both scans of one device alike.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from novelty.errors import InputError
@@ -36,9 +40,10 @@ def urg_04lx() -> Sensor:
 def utm_30lx() -> Sensor:
     """Hokuyo UTM-30LX that a motor rolls about its forward axis, 541 rays x 180 half-turn lines.
 
-    0.1-30 m, 1440 steps per turn, 1081 of them used (270 degrees), read in clusters of two (0.5 degrees), 1 mm
-    readings: SCIP 2.0 specification C-42-03320B, table 2, and data sheet; repeated accuracy below 10 mm to 10 m
-    and below 30 mm to 30 m (data sheet). Dropouts, mixed pixels and steepest incidence: assumed.
+    Hokuyo, Scanning laser range finder UTM-30LX/LN, specification (2008), section Specifications: 0.1-30 m, 270 degrees,
+    0.25 degrees (1440 steps per turn, of which 1081 are used; here read in clusters of two), standard deviation below
+    10 mm to 10 m and below 30 mm to 30 m. 1 mm readings: Hokuyo, SCIP 2.0 (C-42-03320B), table 2. Assumed: dropouts,
+    mixed pixels, steepest incidence.
     """
     return Sensor(
         "utm_30lx", RollingLaser(270, 0.5, 180, 180), LaserRanging(0.0085, 0.0005), 0.1, 30.0,
@@ -49,9 +54,9 @@ def utm_30lx() -> Sensor:
 def lms_200(spacing: float = 0.05) -> Sensor:
     """SICK LMS-200 that looks up and sideways from a driving robot, 361 rays per line.
 
-    180 degrees in steps of 0.5 degrees, 8 m in millimetre mode, statistical error 5 mm and readings of 1 mm (technical
-    description LMS 200); resolution and error as characterised by Ye & Borenstein (ICRA 2002). Dropouts, mixed pixels
-    and steepest incidence: assumed.
+    SICK AG, LMS 200/211/220/221/291, technical description (2003), section Technical data: 180 degrees in steps of 0.5,
+    8 m (8.191 m) and readings of 1 mm in millimetre mode, statistical error 5 mm (1 sigma, 1 to 8 m). Ye & Borenstein
+    (ICRA 2002) measured errors of this size. Assumed: nearest return, dropouts, mixed pixels, steepest incidence.
 
     Args:
         spacing: Distance that the robot travels between two lines, m; `novelty.simulation.drive` gives the poses.
@@ -65,8 +70,10 @@ def lms_200(spacing: float = 0.05) -> Sensor:
 def vlp_16() -> Sensor:
     """Velodyne VLP-16 at 10 Hz, 16 beams x 1808 azimuths.
 
-    100 m, +-15 degrees, one firing cycle in 55.296 us, 2 mm readings, accuracy +-3 cm typical (user manual
-    63-9243), read as 2.5 standard deviations. Dropouts, mixed pixels and steepest incidence: assumed.
+    Velodyne, VLP-16 user manual (63-9243 Rev. E, 2019): 100 m, +-15 degrees in steps of 2, accuracy +-3 cm typical
+    (specifications), read as 2.5 standard deviations; 2 mm readings (section 9.3); 2.304 us per beam and 18.432 us of
+    rest make one cycle of 55.296 us (section 9.4). Assumed: nearest return (0.5 m, as drivers cut it), dropouts, mixed
+    pixels, steepest incidence.
     """
     return Sensor(
         "vlp_16", SpinningBeams(-15, 15, 16, 1808), LaserRanging(0.012, quantum=0.002), 0.5, 100.0,
@@ -77,8 +84,10 @@ def vlp_16() -> Sensor:
 def hdl_32e() -> Sensor:
     """Velodyne HDL-32E at 10 Hz, 32 beams x 2170 azimuths.
 
-    100 m, +10.67 to -30.67 degrees, one firing cycle in 46.08 us, 2 mm readings, accuracy 2 cm (one standard
-    deviation at 25 m): data sheet 97-0038. Dropouts, mixed pixels and steepest incidence: assumed.
+    Velodyne, HDL-32E user's manual and programming guide (63-9113 Rev. H, 2015): +10.67 to -30.67 degrees in steps of
+    1.33 (laser firing sequence), 5 cm to 100 m (principles of operation) of which returns from less than about 1 m are
+    to be ignored (calibration), accuracy 2 cm, one standard deviation at 25 m (specifications), 2 mm readings (appendix
+    B), a cycle of 46.08 us (appendix E). Assumed: dropouts, mixed pixels, steepest incidence.
     """
     return Sensor(
         "hdl_32e", SpinningBeams(-30.67, 10.67, 32, 2170), LaserRanging(0.02, quantum=0.002), 1.0, 100.0,
@@ -87,14 +96,18 @@ def hdl_32e() -> Sensor:
 
 
 def kinect() -> Sensor:
-    """Microsoft Kinect: 640 x 480 depth image by structured light.
+    """Microsoft Kinect (of the Xbox 360): 640 x 480 depth image by structured light.
 
-    Focal length 5.453 mm of 9.3 um pixels (586 pixels), baseline 7.5 cm, disparity in steps of 1/8 pixel with a
-    standard deviation of half a step, 0.5-5 m: Khoshelham & Oude Elberink, Sensors 12 (2012) 1437. The projector
-    throws shadows. Dropouts and steepest incidence: assumed.
+    Khoshelham & Oude Elberink, Accuracy and resolution of Kinect depth data for indoor mapping applications, Sensors 12
+    (2012) 1437: focal length 5.453 mm of 9.3 um pixels (586 pixels; table 1), baseline 7.5 cm, disparity in steps of
+    1/8 pixel, 0.5-5 m (sections 3 and 4), standard deviation half a step, which makes 1.425 mm z^2 (eq. 10; z in m).
+    The depth images from which they find it are rounded, so that here noise and rounding (a step squared over 12)
+    have it together. The projector throws shadows. Assumed: dropouts, steepest incidence.
     """
+    step = 1 / 8
+    noise = step * math.sqrt(1 / 4 - 1 / 12)
     return Sensor(
-        "kinect", PinholeCamera(640, 480, 586), DisparityRanging(586, 0.075, 1 / 16, 1 / 8), 0.5, 5.0,
+        "kinect", PinholeCamera(640, 480, 586), DisparityRanging(586, 0.075, noise, step), 0.5, 5.0,
         dropout=0.002, max_incidence=80.0, emitter=(0.0, 0.075, 0.0),
     )  # fmt: skip
 

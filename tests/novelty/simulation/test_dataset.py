@@ -46,7 +46,7 @@ def test_what_was_written_is_read_back(mobile):
         assert np.array_equal(read.points, written.points)
         assert np.array_equal(read.labels, written.labels)
         assert np.array_equal(read.origin, written.origin)
-    assert pair.name == made.scans.name == "person-100"
+    assert pair.name == made.scans.name == "person-1000"
 
 
 def test_the_origin_of_a_standing_sensor_is_in_the_manifest(tmp_path):
@@ -62,7 +62,7 @@ def test_other_tools_read_the_points(mobile):
     import open3d as o3d
 
     folder, made = mobile
-    cloud = o3d.t.io.read_point_cloud(str(folder / "person-100" / "current.ply"))
+    cloud = o3d.t.io.read_point_cloud(str(folder / "person-1000" / "current.ply"))
     assert np.array_equal(cloud.point.positions.numpy(), made.scans.current.points)
     assert np.array_equal(cloud.point["label"].numpy().ravel(), made.current.labels)
     assert set(cloud.point) >= {"object", "state", "hidden", "sweep", "origin_x"}
@@ -72,11 +72,11 @@ def test_objects_have_one_number_in_both_scans(mobile):
     import open3d as o3d
 
     folder, made = mobile
-    rows = list(csv.DictReader((folder / "person-100" / "objects.csv").open()))
+    rows = list(csv.DictReader((folder / "person-1000" / "objects.csv").open()))
     assert [row["object"] for row in rows] == [str(place) for place in range(len(rows))]
     assert {row["name"] for row in rows if row["state"] == "added"} == {"person 1"}
     for role, truth in (("reference", made.reference), ("current", made.current)):
-        cloud = o3d.t.io.read_point_cloud(str(folder / "person-100" / f"{role}.ply"))
+        cloud = o3d.t.io.read_point_cloud(str(folder / "person-1000" / f"{role}.ply"))
         numbers = cloud.point["object"].numpy().ravel()
         assert [rows[number]["name"] for number in numbers[::997]] == [
             truth.names[place] for place in truth.objects[::997]
@@ -86,7 +86,7 @@ def test_objects_have_one_number_in_both_scans(mobile):
 def test_poses_are_those_of_the_sweeps(mobile):
     folder, made = mobile
     believed, true = (
-        np.loadtxt(folder / "person-100" / f"current_{kind}.txt").reshape(-1, 3, 4)
+        np.loadtxt(folder / "person-1000" / f"current_{kind}.txt").reshape(-1, 3, 4)
         for kind in ("poses", "true_poses")
     )
     measured = made.measurements[1]
@@ -106,7 +106,7 @@ def test_the_command_writes_an_experiment(tmp_path, capsys):
     assert code == 0
     assert "2 pairs" in out
     pairs = list(load_pairs(tmp_path / "pairs.csv"))
-    assert [pair.name for pair in pairs] == ["box-100", "box-101"]
+    assert [pair.name for pair in pairs] == ["box-1000", "box-1001"]
     assert all((pair.current.labels == 1).any() and pair.current.origin is None for pair in pairs)
 
 
