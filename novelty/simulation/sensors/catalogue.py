@@ -40,7 +40,7 @@ def urg_04lx() -> Sensor:
 def utm_30lx() -> Sensor:
     """Hokuyo UTM-30LX that a motor rolls about its forward axis, 541 rays x 180 half-turn lines.
 
-    Hokuyo, Scanning laser range finder UTM-30LX/LN, specification (2008), section Specifications: 0.1-30 m, 270 degrees,
+    Hokuyo, Scanning laser range finder UTM-30LX/LN, specification (2008), table of figures: 0.1-30 m, 270 degrees,
     0.25 degrees (1440 steps per turn, of which 1081 are used; here read in clusters of two), standard deviation below
     10 mm to 10 m and below 30 mm to 30 m. 1 mm readings: Hokuyo, SCIP 2.0 (C-42-03320B), table 2. Assumed: dropouts,
     mixed pixels, steepest incidence.
