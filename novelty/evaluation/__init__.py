@@ -1,7 +1,15 @@
 """How well an answer agrees with the ground truth (section 3.1)."""
 
 from novelty.evaluation.contingency import ContingencyTable
-from novelty.evaluation.intervals import Interval, McNemar, bootstrap_interval, mcnemar, t_interval
+from novelty.evaluation.intervals import (
+    Interval,
+    McNemar,
+    bootstrap_interval,
+    mcnemar,
+    mcnemar_over_scans,
+    proportion_interval,
+    t_interval,
+)
 from novelty.evaluation.labels import LabelledScores, evaluate_labels
 from novelty.evaluation.metrics import METRICS, Metric
 from novelty.evaluation.scores import Agreement, Scores, evaluate
@@ -19,5 +27,7 @@ __all__ = [
     "evaluate",
     "evaluate_labels",
     "mcnemar",
+    "mcnemar_over_scans",
+    "proportion_interval",
     "t_interval",
 ]

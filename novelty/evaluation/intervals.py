@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,11 +48,13 @@ class McNemar:
         first_only: Points that only the first method labels rightly.
         second_only: Points that only the second method labels rightly.
         p_value: Probability of so uneven a split if both were equally often right; 1 when they never differ.
+        count: Points that were counted.
     """
 
     first_only: int
     second_only: int
     p_value: float
+    count: int
 
 
 def t_interval(values: ArrayLike, level: float = 0.95) -> Interval:
@@ -73,6 +76,30 @@ def t_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     error = float(defined.std(ddof=1)) / math.sqrt(len(defined))
     half = float(stdtrit(len(defined) - 1, (1 + level) / 2)) * error
     return Interval(mean, mean - half, mean + half, len(defined))
+
+
+def proportion_interval(outcomes: ArrayLike, level: float = 0.95) -> Interval:
+    """Wilson's score interval of a probability; inside [0, 1] and of sensible width even where all outcomes are equal.
+
+    Equals `scipy.stats.binomtest(k, n).proportion_ci(level, method="wilson")`.
+
+    Args:
+        outcomes: Whether each trial succeeded, bool (R,).
+        level: Probability that the interval holds the true one, in (0, 1).
+
+    Raises:
+        InputError: The level is not in (0, 1), or the outcomes are not one-dimensional.
+    """
+    from scipy.special import ndtri
+
+    defined = _defined(outcomes, level)
+    count = len(defined)
+    if not count:
+        return _point(defined)
+    share, z = float(defined.mean()), float(ndtri((1 + level) / 2))
+    centre = (share + z**2 / (2 * count)) / (1 + z**2 / count)
+    half = z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2) / (1 + z**2 / count)
+    return Interval(share, max(centre - half, 0.0), min(centre + half, 1.0), count)
 
 
 def bootstrap_interval(
@@ -103,8 +130,8 @@ def mcnemar(
 ) -> McNemar:
     """Exact two-sided McNemar test: are two methods equally often right on these points?
 
-    Points of one scan are correlated, so that a small p-value says less than it seems; repetitions over scans say
-    more. Equals `scipy.stats.binomtest(first_only, first_only + second_only)`.
+    Points of one scan are correlated, so that a small p-value says less than it seems; `mcnemar_over_scans` takes whole
+    scans for what varies. Equals `scipy.stats.binomtest(first_only, first_only + second_only)`.
 
     Args:
         truth: Whether each point is novel, bool (N,).
@@ -124,7 +151,24 @@ def mcnemar(
     first_only = int((right[0] & ~right[1] & kept).sum())
     second_only = int((right[1] & ~right[0] & kept).sum())
     tail = float(bdtr(min(first_only, second_only), first_only + second_only, 0.5))
-    return McNemar(first_only, second_only, min(1.0, 2 * tail))
+    return McNemar(first_only, second_only, min(1.0, 2 * tail), int(kept.sum()))
+
+
+def mcnemar_over_scans(tests: Sequence[McNemar]) -> float:
+    """p-value of McNemar's test over scans whose points are correlated; 1 when the methods never differ.
+
+    X^2 = (sum_k d_k)^2 / sum_k d_k^2 with d_k the difference of both methods' shares of right points in scan k,
+    asymptotically chi-squared with one degree of freedom (Durkalski, Palesch, Lipsitz & Rust, Statistics in Medicine 22
+    (2003) 2417). One scan on its own never is evidence: X^2 is 1 then.
+
+    Args:
+        tests: One per scan, of the same two methods.
+    """
+    from scipy.special import chdtrc
+
+    differences = np.array([(test.first_only - test.second_only) / max(test.count, 1) for test in tests])
+    spread = float(np.square(differences).sum())
+    return float(chdtrc(1, float(differences.sum()) ** 2 / spread)) if spread else 1.0
 
 
 def _defined(values: ArrayLike, level: float) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 from novelty import InputError
-from novelty.evaluation import bootstrap_interval, mcnemar, t_interval
+from novelty.evaluation import bootstrap_interval, mcnemar, mcnemar_over_scans, proportion_interval, t_interval
 
 INTERVALS = (t_interval, bootstrap_interval)
 
@@ -96,3 +96,38 @@ def test_mcnemar_is_symmetric_and_survives_whole_scans():
 def test_mcnemar_checks_its_arrays():
     with pytest.raises(InputError, match="predicted must have shape"):
         mcnemar([True, False], [True, False], [True])
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 10), (3, 10), (10, 10), (1, 1), (57, 60)])
+def test_a_proportion_has_the_interval_of_scipy(successes, trials):
+    found = proportion_interval([True] * successes + [False] * (trials - successes), 0.9)
+    expected = scipy.stats.binomtest(successes, trials).proportion_ci(0.9, method="wilson")
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=1e-12)
+    assert (found.mean, found.count) == (successes / trials, trials)
+
+
+def test_correlated_points_are_no_evidence_but_repeated_scans_are(rng):
+    """Both methods are equally good; each scan favours one of them at random, in all of its points at once."""
+    rejected = {"points": 0, "scans": 0}
+    for _ in range(300):
+        tests = []
+        for favoured in rng.random(12) < 0.5:
+            truth = rng.random(200) < 0.5
+            wrong = truth ^ (rng.random(200) < 0.3)
+            first, second = (truth, wrong) if favoured else (wrong, truth)
+            tests.append(mcnemar(truth, first, second))
+        sums = [sum(getattr(test, name) for test in tests) for name in ("first_only", "second_only")]
+        rejected["points"] += scipy.stats.binomtest(sums[0], sum(sums)).pvalue < 0.05
+        rejected["scans"] += mcnemar_over_scans(tests) < 0.05
+    assert rejected["points"] > 150
+    assert rejected["scans"] < 30
+
+
+def test_a_difference_that_every_scan_shows_is_significant_over_scans(rng):
+    tests = []
+    for _ in range(10):
+        truth = rng.random(200) < 0.5
+        tests.append(mcnemar(truth, truth ^ (rng.random(200) < 0.1), truth ^ (rng.random(200) < 0.3)))
+    assert mcnemar_over_scans(tests) < 0.01
+    assert mcnemar_over_scans(tests[:1]) == pytest.approx(0.317, abs=0.001)
+    assert mcnemar_over_scans([mcnemar([True], [True], [True])]) == 1
