@@ -80,8 +80,14 @@ def pairings_of(fitted: FittedPair, detector: StructuralMatching) -> Pairings:
     return Pairings(rows[valid[..., None] & beside], rows[invalid[..., None] & beside])
 
 
-def least_error_thresholds(pairs: Sequence[Pairings]) -> tuple[float, float, float]:
+def least_error_thresholds(
+    pairs: Sequence[Pairings], arc_thresholds: Array = ARC_THRESHOLDS
+) -> tuple[float, float, float]:
     """U_T, U_R and their P_err; every pair of scans weighs the same, whatever the number of its components.
+
+    Args:
+        pairs: The pairings of labelled pairs of scans.
+        arc_thresholds: Values of U_R that are tried, evenly spaced from one step on.
 
     Raises:
         InputError: No pair has both valid and invalid pairings.
@@ -92,20 +98,25 @@ def least_error_thresholds(pairs: Sequence[Pairings]) -> tuple[float, float, flo
             "no two components of a pair hold the same unchanged place, so that U_T and U_R cannot be learnt; "
             "check that the scans of each pair lie in one frame and that label 0 marks unchanged points."
         )
-    valid = np.mean([_below(pairings.valid) for pairings in usable], axis=0)
-    invalid = np.mean([_below(pairings.invalid) for pairings in usable], axis=0)
+    valid = np.mean([_below(pairings.valid, arc_thresholds) for pairings in usable], axis=0)
+    invalid = np.mean([_below(pairings.invalid, arc_thresholds) for pairings in usable], axis=0)
     error = (invalid + 1 - valid) / 2
     # The middle of the flat bottom: its edge, the first minimum, would fit these pairs and no others.
     bottom = np.argwhere(error <= error.min() + FLAT)
     node, arc = bottom[np.argmin(np.linalg.norm(bottom - bottom.mean(axis=0), axis=1))]
-    return float(NODE_THRESHOLDS[node]), float(ARC_THRESHOLDS[arc]), float(error[node, arc])
+    return float(NODE_THRESHOLDS[node]), float(arc_thresholds[arc]), float(error[node, arc])
 
 
-def _below(rows: Array) -> Array:
-    """P(d < U_T, delta < U_R) on the grid of thresholds, from the joint histogram of rows (n, 2)."""
-    edges = (np.insert(NODE_THRESHOLDS, 0, 0.0), np.insert(ARC_THRESHOLDS, 0, 0.0))
+def joint_histogram(rows: Array, arc_thresholds: Array = ARC_THRESHOLDS) -> Array:
+    """Share of the rows (n, 2) in each bin of d and delta, whose upper edges are the thresholds that are tried."""
+    edges = (np.insert(NODE_THRESHOLDS, 0, 0.0), np.insert(arc_thresholds, 0, 0.0))
     histogram, _, _ = np.histogram2d(rows[:, 0], rows[:, 1], bins=edges)
-    return histogram.cumsum(axis=0).cumsum(axis=1) / len(rows)
+    return histogram / max(len(rows), 1)
+
+
+def _below(rows: Array, arc_thresholds: Array) -> Array:
+    """P(d < U_T, delta < U_R) on the grid of thresholds."""
+    return joint_histogram(rows, arc_thresholds).cumsum(axis=0).cumsum(axis=1)
 
 
 def _components(fitted: FittedPair, detector: StructuralMatching) -> tuple[Components, Components]:

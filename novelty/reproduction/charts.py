@@ -6,17 +6,20 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from novelty.evaluation import Interval, t_interval
-from novelty.reproduction.findings import order_curve
-from novelty.reproduction.methods import PRINTED
+from novelty.reproduction.methods import CALIBRATED, PRINTED, STRUCTURAL
 from novelty.reproduction.printed import BEST_ORDERS
-from novelty.reproduction.rows import Row, interval, matching
+from novelty.reproduction.rows import Row, interval, matching, order_curve
 from novelty.reproduction.sensitivity import BOX_SIZE, SELECTED, VIEWPOINT, default_method
 from novelty.reproduction.simplification import SimplificationRow
+from novelty.reproduction.thresholds import Thresholds, bins
 
 Chart = dict[str, Any]
 
-BLUE, ORANGE, GREEN = "#2b7de9", "#e8590c", "#2f9e44"
+BLUE, ORANGE, GREEN, VIOLET = "#2b7de9", "#e8590c", "#2f9e44", "#8250c4"
 TITLES = {BOX_SIZE: "Box of twelve sizes", VIEWPOINT: "Person from twelve viewpoints"}
 
 
@@ -29,7 +32,8 @@ def size_chart(rows: Sequence[Row]) -> Chart:
     """Kappa against the size of the box, at the order that MDL selects."""
     part = matching(rows, experiment=BOX_SIZE, analysis=SELECTED.name)
     traces = []
-    for method, colour in zip((*PRINTED, default_method()), (ORANGE, BLUE, GREEN), strict=True):
+    methods = (*PRINTED, CALIBRATED, default_method())
+    for method, colour in zip(methods, (ORANGE, BLUE, VIOLET, GREEN), strict=True):
         own = matching(part, method=method.key)
         sizes = [float(row.varied.split("=")[1]) for row in own]
         kappas = [row.kappa for row in own]
@@ -54,9 +58,48 @@ def simplification_chart(rows: Sequence[SimplificationRow]) -> Chart:
     return {"data": traces, "layout": layout}
 
 
+def threshold_charts(found: Thresholds) -> dict[str, Chart]:
+    """Section 3.2: the joint histograms of valid and of invalid pairings, with the printed thresholds and ours."""
+    return {
+        "valid": _histogram_chart(found, found.valid, "Same place in both maps"),
+        "invalid": _histogram_chart(found, found.invalid, "Different places"),
+    }
+
+
+def _histogram_chart(found: Thresholds, shares: NDArray[np.float64], title: str) -> Chart:
+    node, arc = bins()
+    printed = STRUCTURAL.config.structural_matching
+    heat = {
+        "type": "heatmap",
+        "x": node.tolist(),
+        "y": arc.tolist(),
+        "z": np.round(100 * shares.T, 4).tolist(),
+        "colorscale": "Blues",
+        "reversescale": True,
+        "colorbar": {"title": {"text": "%"}, "thickness": 12},
+        "hovertemplate": "d %{x:.2f}, δ %{y:.2f}: %{z:.2f} %<extra></extra>",
+    }
+    corners = {
+        f"printed: U_T {printed.node_threshold:g}, U_R {printed.arc_threshold:g}": (
+            printed.node_threshold,
+            printed.arc_threshold,
+            ORANGE,
+        ),
+        f"least error: U_T {found.node:g}, U_R {found.arc:g}": (found.node, found.arc, VIOLET),
+    }
+    boxes = [
+        _line([0, x, x], [y, y, 0], name, colour) | {"line": {"color": colour, "width": 3}}
+        for name, (x, y, colour) in corners.items()
+    ]
+    layout = _layout("d (eq. 9)", "δ (eqs. 11, 12)") | {"title": {"text": title, "font": {"size": 15}}}
+    layout["xaxis"] |= {"range": [0, float(node[-1])]}
+    layout["yaxis"] |= {"range": [0, float(arc[-1])]}
+    return {"data": [heat, *boxes], "layout": layout}
+
+
 def _order_chart(rows: Sequence[Row], experiment: str) -> Chart:
     traces = []
-    for method, colour in zip(PRINTED, (ORANGE, BLUE), strict=True):
+    for method, colour in zip((*PRINTED, CALIBRATED), (ORANGE, BLUE, VIOLET), strict=True):
         traces += _banded(order_curve(rows, experiment, method), method.title, colour)
     default = default_method()
     span = interval(matching(rows, experiment=experiment, method=default.key))

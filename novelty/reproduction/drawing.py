@@ -109,6 +109,21 @@ class Picture:
         """The picture as the source of an image in a page that stands alone."""
         return f"data:image/webp;base64,{base64.b64encode(self.encoded(frame_of)).decode('ascii')}"
 
+    def _scale_bar(self, left: float, bottom: float, most: float) -> None:
+        """A line of a round length, m, at the lower left; true for lengths that lie in the plane of the picture."""
+        length = _round_length(most)
+        self._axes.plot([left, left + length], [bottom, bottom], color=DARK, lw=1.6, solid_capstyle="butt")
+        self._axes.annotate(
+            f"{length:g} m",
+            (left + length / 2, bottom),
+            (0, 3),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=8,
+            color=DARK,
+        )
+
     def _fit(self, places: NDArray[np.float64]) -> None:
         """Cut the picture to what it shows."""
         low, high = np.percentile(places, (0.5, 99.5), axis=0)
@@ -116,7 +131,14 @@ class Picture:
         (left, bottom), (right, top) = low - margin, high + margin
         self._axes.set_xlim(left, right)
         self._axes.set_ylim(bottom, top)
+        self._scale_bar(left + margin / 2, bottom + margin / 2, 0.2 * (right - left))
         self._figure.set_size_inches(WIDTH, WIDTH * min((top - bottom) / (right - left), 1.2))
+
+
+def _round_length(most: float) -> float:
+    """The greatest of 1, 2 and 5 times a power of ten up to a length, m."""
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(max(step * power for step in (1, 2, 5) if step * power <= most))
 
 
 def cluster_colours(clusters: NDArray[np.int64]) -> NDArray[np.str_]:

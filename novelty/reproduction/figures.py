@@ -189,13 +189,17 @@ def _step_panels(example: Example) -> tuple[Panel, ...]:
     what = example.member.case.name
     return (
         Panel(scan.source(points), f"{int(changed.sum())} points have changed", f"Scan: {what}."),
-        Panel(mixture.source(points), f"{count} components", f"Mixture of the scan: {what}."),
+        Panel(mixture.source(points), _counted(count), f"Mixture of the scan: {what}."),
         Panel(
             found.source(points),
-            f"{len(novel)} components, {int(called.sum())} points",
+            f"{_counted(len(novel))}, {int(called.sum())} points",
             f"What is called novel: {what}.",
         ),
     )
+
+
+def _counted(components: int) -> str:
+    return f"{components} component{'' if components == 1 else 's'}"
 
 
 def _changed(example: Example) -> NDArray[np.bool_]:

@@ -34,6 +34,14 @@ STRUCTURAL = Method("structural_paper", "Str. matching, as printed", _paper("str
 PRINTED = (EMD, STRUCTURAL)
 """The paper's methods with its own choices throughout (`--preset paper`)."""
 
+CALIBRATED = Method(
+    "structural_calibrated",
+    "Str. matching, U_T and U_R found here",
+    _paper("structural_matching"),
+    "printed",
+)
+"""Structural matching as printed with thresholds from the printed procedure (section 3.2), see `thresholds`."""
+
 
 def _step(detector: str, **settings: str) -> Config:
     return _paper(detector).replace(**{f"{detector}.{key}": value for key, value in settings.items()})

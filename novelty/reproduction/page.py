@@ -15,7 +15,7 @@ from novelty.io import write_text
 from novelty.report.rendering import render
 from novelty.report.tables import Column, Row, Table, version_table
 from novelty.reproduction import figures, printed, tables
-from novelty.reproduction.charts import order_charts, simplification_chart, size_chart
+from novelty.reproduction.charts import order_charts, simplification_chart, size_chart, threshold_charts
 from novelty.reproduction.findings import Verdict
 from novelty.reproduction.run import Extent, Reproduction
 from novelty.reproduction.sensitivity import BOX_SIZE, VIEWPOINT
@@ -33,6 +33,7 @@ def write_page(path: Path, reproduction: Reproduction, extent: Extent, command: 
     outcome = reproduction.outcome
     charts = {
         **order_charts(outcome.rows),
+        **threshold_charts(reproduction.thresholds),
         "sizes": size_chart(outcome.rows),
         "simplification": simplification_chart(reproduction.simplification[0]),
     }
@@ -43,10 +44,11 @@ def write_page(path: Path, reproduction: Reproduction, extent: Extent, command: 
         "verdicts": _verdicts(reproduction),
         "table_2": [(name, tables.table_2(outcome.rows, name)) for name in (printed.COMPLETE, printed.AREA)],
         "steps": tables.step_table(outcome.rows),
+        "thresholds": tables.threshold_table(reproduction.thresholds),
         "static": tables.case_table(outcome.rows, "static_platform"),
         "removal": tables.case_table(outcome.rows, "removal"),
         "corridor": tables.case_table(outcome.rows, "ideal_corridor"),
-        "tests": tables.test_table(outcome.tests),
+        "tests": tables.test_tables(outcome.tests),
         "segmentation": tables.segmentation_table(reproduction.segmentations.rows),
         "times": tables.time_table(outcome.rows),
         "printed_seconds": printed.MIXTURE_SECONDS,
@@ -90,7 +92,8 @@ def _facts(reproduction: Reproduction, extent: Extent) -> str:
 def _verdicts(reproduction: Reproduction) -> str:
     counts = Counter(finding.verdict for finding in reproduction.findings)
     named = {Verdict.AGREES: "agree", Verdict.PARTLY: "agree partly", Verdict.DIFFERS: "differ"}
-    return ", ".join(f"{counts[verdict]} {word}" for verdict, word in named.items())
+    told = ", ".join(f"{counts[verdict]} {word}" for verdict, word in named.items())
+    return f"{told}, and {counts[Verdict.OPEN]} stay open, because an interval lies across the bound"
 
 
 def _run_table(reproduction: Reproduction) -> Table:

@@ -12,6 +12,7 @@ from typing import Any
 
 from novelty.evaluation import Interval, Scores, t_interval
 from novelty.io import replacing, write_text
+from novelty.reproduction.methods import Method
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,12 @@ def grouped(rows: Iterable[Row], key: Callable[[Row], Any]) -> dict[Any, list[Ro
     for row in rows:
         groups.setdefault(key(row), []).append(row)
     return groups
+
+
+def order_curve(rows: Iterable[Row], experiment: str, method: Method) -> dict[int, Interval]:
+    """Mean kappa and its interval over the maps at every prescribed K."""
+    part = [row for row in matching(rows, experiment=experiment, method=method.key) if row.order]
+    return {order: interval(matching(part, order=order)) for order in sorted({row.order for row in part})}
 
 
 def paired_difference(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gmmtorch import GaussianMixtures
 from novelty.errors import InputError
-from novelty.evaluation import ContingencyTable, evaluate, mcnemar
+from novelty.evaluation import ContingencyTable, evaluate, mcnemar, mcnemar_over_scans
 from novelty.evaluation.metrics import kappa
 from novelty.reproduction.methods import Method
 from novelty.reproduction.rows import Row, scored_fields
@@ -46,6 +46,9 @@ class MethodTest:
     Attributes:
         first_only: Points that only the first method labels rightly.
         second_only: Points that only the second one does.
+        p_value: Of all points, as if they were independent.
+        scans: Repetitions.
+        p_over_scans: With the points of one scan correlated, as they are.
     """
 
     experiment: str
@@ -56,6 +59,8 @@ class MethodTest:
     first_only: int
     second_only: int
     p_value: float
+    scans: int
+    p_over_scans: float
 
 
 @dataclass
@@ -91,7 +96,8 @@ def run_experiment(
     *,
     repetitions: int | None = None,
     exchanged: bool = False,
-    tested: tuple[Method, Method] | None = None,
+    tested: Sequence[tuple[Method, Method]] = (),
+    also: Callable[[SimulatedCase], None] = lambda _: None,
 ) -> None:
     """Score every method on every pair of an experiment, one batch per case.
 
@@ -101,20 +107,24 @@ def run_experiment(
         outcome: Takes what comes out.
         repetitions: Pairs per case; those of the experiment when None.
         exchanged: Whether the current scan takes the reference's place, so that what was removed is found as added.
-        tested: Two methods between which McNemar's test is made.
+        tested: Pairs of methods between which McNemar's test is made.
+        also: What else is done with each batch.
     """
-    experiment = load_experiment(name)
-    experiment = replace(
-        experiment, repetitions=min(repetitions or experiment.repetitions, experiment.repetitions)
-    )
+    experiment = shortened(load_experiment(name), repetitions)
     for batch in simulated(experiment, outcome, exchanged):
         for analysis in experiment.analyses:
             answers = {method.key: batch.bench.answer(method, analysis.settings) for method in methods}
             for key, answer in answers.items():
                 outcome.rows += batch.rows(analysis, key, answer)
                 outcome.examples.append(batch.example(analysis, key, answer))
-            if tested is not None:
-                outcome.tests.append(batch.test(analysis, answers, *(method.key for method in tested)))
+            outcome.tests += [batch.test(analysis, answers, a.key, b.key) for a, b in tested]
+        also(batch)
+
+
+def shortened(experiment: Experiment, repetitions: int | None) -> Experiment:
+    """The experiment with so many repetitions at most; as it is when None."""
+    most = experiment.repetitions
+    return replace(experiment, repetitions=most if repetitions is None else min(repetitions, most))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,14 +163,13 @@ class SimulatedCase:
         )
 
     def test(self, analysis: Analysis, answers: Mapping[str, Answer], first: str, second: str) -> MethodTest:
-        """McNemar's test over the points of all pairs."""
-        scans = [pair.current for pair in self.bench.pairs]
-        truth, ignored = (
-            np.concatenate(parts)
-            for parts in zip(*(_truth(s, analysis.settings) for s in scans), strict=True)
-        )
-        labels = [np.concatenate(answers[key].labels) for key in (first, second)]
-        found = mcnemar(truth, labels[0], labels[1], ignore=ignored)
+        """McNemar's test over the points of all pairs, and over the pairs."""
+        judged = [_truth(pair.current, analysis.settings) for pair in self.bench.pairs]
+        labels = [answers[key].labels for key in (first, second)]
+        each = [mcnemar(truth, a, b, ignored) for (truth, ignored), a, b in zip(judged, *labels, strict=True)]
+        truth, ignored = (np.concatenate(parts) for parts in zip(*judged, strict=True))
+        pooled = [np.concatenate(parts) for parts in labels]
+        found = mcnemar(truth, pooled[0], pooled[1], ignored)
         return MethodTest(
             self.experiment,
             self.case.name,
@@ -170,6 +179,8 @@ class SimulatedCase:
             found.first_only,
             found.second_only,
             found.p_value,
+            len(each),
+            mcnemar_over_scans(each),
         )
 
     def _row(self, index: int, analysis: Analysis, method: str, answer: Answer, order: int) -> Row:

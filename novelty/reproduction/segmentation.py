@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
 
@@ -19,11 +19,12 @@ from novelty.evaluation import evaluate_labels
 from novelty.fitting import FitPlan, fit_scans
 from novelty.preprocess import PreparedScans
 from novelty.preprocess.simplify import Scale, simplify
-from novelty.reproduction.scoring import Outcome, SimulatedCase, best_choice, simulated
+from novelty.reproduction.scoring import SimulatedCase, best_choice
 from novelty.scan import CHANGED, SEEN_ONCE
-from novelty.simulation.experiments import load_experiment
 
 T = TypeVar("T")
+
+PAPER = Config.preset("paper")
 
 ALPHA_CUT = 0.2
 """S: a point belongs to a cluster when its membership is greater (section 3.4)."""
@@ -78,33 +79,43 @@ class Segmentation:
 class Segmentations:
     """All rows, and the first repetition of every case to be drawn."""
 
-    rows: list[SegmentationRow]
-    examples: list[Segmentation]
+    rows: list[SegmentationRow] = field(default_factory=list)
+    examples: list[Segmentation] = field(default_factory=list)
 
 
-def run_segmentation(outcome: Outcome, repetitions: int) -> Segmentations:
-    """Segment the current scans of the static platform by every method."""
-    found = Segmentations([], [])
-    experiment = load_experiment("static_platform")
-    for batch in simulated(
-        replace(experiment, repetitions=min(repetitions, experiment.repetitions)), outcome
-    ):
-        for method, labels, clusters, seconds in _segmented(batch):
-            _record(found, batch, method, labels, clusters, seconds)
-    return found
+def segment_case(batch: SimulatedCase, found: Segmentations, repetitions: int) -> None:
+    """Segment the current scans of one case by every method.
+
+    Args:
+        batch: The pairs of the case.
+        found: Takes what comes out.
+        repetitions: Scans of the case at most.
+    """
+    prepared = batch.bench.prepared(PAPER).current
+    scans = prepared.select(range(min(repetitions, len(prepared))))
+    for answer in _segmented(scans):
+        _record(found, batch, scans, answer)
 
 
-def _segmented(batch: SimulatedCase) -> Iterator[tuple[str, torch.Tensor, list[int], float]]:
-    """For every method: the cluster of every point, the number of clusters (P,), seconds per scan."""
-    config = Config.preset("paper")
-    scans = batch.bench.prepared(config).current
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """What one method says of P scans: the cluster of every point (N,), how many (P,), seconds per scan."""
+
+    method: str
+    labels: torch.Tensor
+    clusters: list[int]
+    seconds: float
+
+
+def _segmented(scans: PreparedScans) -> Iterator[_Answer]:
     count = len(scans)
     partitions, seconds = _timed(lambda: fit_fuzzy_partitions(scans.points, FORCED))
     for method, orders in ((AUTOMATIC, partitions.best()), (NINE, [FORCED] * count)):
-        yield method, _cut(partitions, orders, scans.points), orders, seconds / count
+        yield _Answer(method, _cut(partitions, orders, scans.points), orders, seconds / count)
     for method, most in ((MIXTURE_9, FORCED), (MIXTURE_20, 20)):
-        mixtures, seconds = _timed(partial(_mixtures, scans, config.replace(max_components=most)))
-        yield method, mixtures.assign(scans.points), mixtures.num_components.tolist(), seconds / count
+        mixtures, seconds = _timed(partial(_mixtures, scans, PAPER.replace(max_components=most)))
+        orders = mixtures.num_components.tolist()
+        yield _Answer(method, mixtures.assign(scans.points), orders, seconds / count)
 
 
 def _mixtures(scans: PreparedScans, config: Config) -> GaussianMixtures:
@@ -126,18 +137,9 @@ def _timed(make: Callable[[], T]) -> tuple[T, float]:
     return value, time.perf_counter() - start
 
 
-def _record(
-    found: Segmentations,
-    batch: SimulatedCase,
-    method: str,
-    labels: torch.Tensor,
-    clusters: list[int],
-    seconds: float,
-) -> None:
-    scans = batch.bench.prepared(Config.preset("paper")).current
-    parts = zip(
-        batch.members, batch.bench.pairs, scans.kept, scans.points.split(labels), clusters, strict=True
-    )
+def _record(found: Segmentations, batch: SimulatedCase, scans: PreparedScans, answer: _Answer) -> None:
+    labels = scans.points.split(answer.labels)
+    parts = zip(batch.members, batch.bench.pairs, scans.kept, labels, answer.clusters, strict=False)
     for member, pair, kept, part, count in parts:
         assert pair.current.labels is not None
         truth, own = pair.current.labels[kept], part.numpy()
@@ -145,9 +147,18 @@ def _record(
         without = int((own < 0).sum())
         found.rows.append(
             SegmentationRow(
-                member.case.name, member.repetition, method, len(own), count, without, scores.kappa, seconds
+                member.case.name,
+                member.repetition,
+                answer.method,
+                len(own),
+                count,
+                without,
+                scores.kappa,
+                answer.seconds,
             )
         )
         if member is batch.members[0]:
             points = pair.current.points[kept]
-            found.examples.append(Segmentation(member.case.name, method, points, own, truth == CHANGED))
+            found.examples.append(
+                Segmentation(member.case.name, answer.method, points, own, truth == CHANGED)
+            )

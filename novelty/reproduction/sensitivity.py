@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from novelty.config import Config
-from novelty.reproduction.methods import OURS, PRINTED, Method
+from novelty.reproduction.methods import OURS, Method
 from novelty.reproduction.scoring import Outcome, simulated
 from novelty.simulation.experiments import Analysis, Experiment, load_experiment
 
@@ -16,11 +17,14 @@ SELECTED = Analysis("selected by MDL", {})
 """The number of components that MDL chooses below K_max = 20."""
 
 
-def run_sensitivity(name: str, outcome: Outcome, most_maps: int | None = None) -> None:
-    """Score both printed methods at every K, and the default detector as it comes, on every map.
+def run_sensitivity(
+    name: str, methods: Sequence[Method], outcome: Outcome, most_maps: int | None = None
+) -> None:
+    """Score methods at every K, and the default detector as it comes, on every map.
 
     Args:
         name: `box_size` or `viewpoint`.
+        methods: Those that are scored at every K.
         outcome: Takes what comes out.
         most_maps: Maps that are made at most, evenly taken; all when None.
     """
@@ -28,10 +32,10 @@ def run_sensitivity(name: str, outcome: Outcome, most_maps: int | None = None) -
     orders = sorted({analysis.settings["max_components"] for analysis in experiment.analyses})
     highest = Analysis(SELECTED.name, {"max_components": max(orders)})
     for batch in simulated(experiment, outcome):
-        for method in PRINTED:
+        for method in methods:
             for order, answer in batch.bench.answers_by_order(method, {}, orders).items():
                 outcome.rows += batch.rows(Analysis(f"K = {order}", {}), method.key, answer, order)
-        for method in (*PRINTED, default_method()):
+        for method in (*methods, default_method()):
             answer = batch.bench.answer(method, highest.settings)
             outcome.rows += batch.rows(highest, method.key, answer)
             for index in (0, len(batch.members) - 1):

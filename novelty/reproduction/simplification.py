@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from gmmtorch import PointClouds
 from novelty.config import Config
 from novelty.preprocess.principal import principal_axes
 from novelty.preprocess.simplify import Scale, Simplified, simplify
-from novelty.reproduction.scoring import Outcome, simulated
+from novelty.reproduction.scoring import Outcome, shortened, simulated
 from novelty.simulation.experiments import load_experiment
 
 LIMIT = 0.003
@@ -53,10 +53,7 @@ def run_simplification(
     outcome: Outcome, repetitions: int | None = None
 ) -> tuple[list[SimplificationRow], SimplificationExample]:
     """Simplify every cloud of the experiment under each of its limits, all clouds in one batch."""
-    experiment = load_experiment("simplification")
-    experiment = replace(
-        experiment, repetitions=min(repetitions or experiment.repetitions, experiment.repetitions)
-    )
+    experiment = shortened(load_experiment("simplification"), repetitions)
     batch = next(simulated(experiment, outcome))
     clouds = PointClouds.from_list([pair.current.points.copy() for pair in batch.bench.pairs])
     curved = [_surface_variation(pair.current.points) for pair in batch.bench.pairs]

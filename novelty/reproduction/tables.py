@@ -6,16 +6,29 @@ import math
 import statistics
 from collections.abc import Sequence
 
-from novelty.evaluation import Agreement, Interval
+from novelty.evaluation import Agreement, Interval, t_interval
 from novelty.report.tables import Column, Table
 from novelty.report.tables import Row as Line
 from novelty.reproduction import printed
-from novelty.reproduction.methods import ALONE, CLUSTERINGS, OURS, POINTWISE, PRINTED, STEPS, Method
+from novelty.reproduction.methods import (
+    ALONE,
+    CALIBRATED,
+    CLUSTERINGS,
+    OURS,
+    POINTWISE,
+    PRINTED,
+    STEPS,
+    STRUCTURAL,
+    Method,
+)
 from novelty.reproduction.rows import STAGES, Row, grouped, interval, matching
 from novelty.reproduction.scoring import MethodTest
 from novelty.reproduction.segmentation import TITLES, SegmentationRow
+from novelty.reproduction.thresholds import ThresholdRow, Thresholds
 
-METHODS = {method.key: method for method in (*PRINTED, *STEPS, *ALONE, *OURS, *CLUSTERINGS, *POINTWISE)}
+METHODS = {
+    method.key: method for method in (*PRINTED, CALIBRATED, *STEPS, *ALONE, *OURS, *CLUSTERINGS, *POINTWISE)
+}
 """Every method by its key."""
 
 _STEPS = {method.key for method in STEPS}
@@ -97,11 +110,10 @@ def step_table(rows: Sequence[Row]) -> Table:
     """From the printed methods to ours: mean kappa over all cases of every experiment, and what was attainable."""
     columns = (Column("method", numeric=False), *(Column(name) for name in GROUPS))
     lines = []
+    steps = ("paper", "calibrated", "common", "shapes", "both", "own", "alone")
     for family in ("emd", "structural"):
-        keys = [f"{family}_{step}" for step in ("paper", "common", "shapes", "both", "own", "alone")] + [
-            family
-        ]
-        for key in keys:
+        keys = [f"{family}_{step}" for step in steps] + [family]
+        for key in (key for key in keys if key in METHODS):
             part = matching(rows, method=key)
             groups = [
                 matching(part, experiment=name, analysis=analysis) for name, analysis in GROUPS.values()
@@ -111,15 +123,25 @@ def step_table(rows: Sequence[Row]) -> Table:
     return Table(columns, tuple(lines))
 
 
-def test_table(tests: Sequence[MethodTest]) -> Table:
-    """McNemar's tests."""
+def test_tables(tests: Sequence[MethodTest]) -> list[tuple[str, Table]]:
+    """McNemar's tests, a table for every two methods."""
+    tables = []
+    for first, second in dict.fromkeys((test.first, test.second) for test in tests):
+        own = [test for test in tests if (test.first, test.second) == (first, second)]
+        tables.append((f"{METHODS[first].title}, against {METHODS[second].title}", _test_table(own)))
+    return tables
+
+
+def _test_table(tests: Sequence[MethodTest]) -> Table:
     columns = (
         Column("experiment", numeric=False),
         Column("case", numeric=False),
         Column("data", numeric=False),
-        Column("only EMD right"),
-        Column("only str. matching right"),
-        Column("p"),
+        Column("scans"),
+        Column("points that only the first has right"),
+        Column("only the second"),
+        Column("p, points"),
+        Column("p, scans"),
     )
     lines = [
         Line(
@@ -127,14 +149,50 @@ def test_table(tests: Sequence[MethodTest]) -> Table:
                 test.experiment.replace("_", " "),
                 test.case,
                 test.analysis,
+                str(test.scans),
                 _spaced(test.first_only),
                 _spaced(test.second_only),
-                "< 1e-16" if test.p_value < 1e-16 else f"{test.p_value:.2g}",
+                _probability(test.p_value),
+                _probability(test.p_over_scans),
             )
         )
         for test in tests
     ]
     return Table(columns, tuple(lines))
+
+
+def threshold_table(found: Thresholds) -> Table:
+    """Section 3.2 by scene: what the printed thresholds let pass of valid pairings, and of invalid ones."""
+    printed = STRUCTURAL.config.structural_matching
+    columns = (
+        Column("scene", numeric=False),
+        Column("maps"),
+        Column("valid pairings per map"),
+        Column(f"d < {printed.node_threshold:g}"),
+        Column(f"shapes: ω ≤ {printed.arc_threshold:g}"),
+        Column("all of it, valid"),
+        Column("all of it, invalid"),
+        Column("P_err"),
+    )
+    groups: dict[str, list[ThresholdRow]] = {}
+    for row in found.rows:
+        groups.setdefault(row.scene.replace("_", " "), []).append(row)
+    lines = [_threshold_line(name, part) for name, part in {**groups, "all": found.rows}.items()]
+    return Table(columns, tuple(lines))
+
+
+def _threshold_line(name: str, rows: Sequence[ThresholdRow]) -> Line:
+    shares = [
+        t_interval([getattr(row, key) for row in rows]).mean for key in ("near", "alike", "valid", "invalid")
+    ]
+    pairings = statistics.mean(row.valid_pairings for row in rows)
+    error = t_interval([row.error for row in rows]).mean
+    cells = (name, str(len(rows)), f"{pairings:.1f}", *(f"{share:.1%}" for share in shares), f"{error:.2f}")
+    return Line(cells, "printed" if name == "all" else "")
+
+
+def _probability(value: float) -> str:
+    return "< 1e-16" if value < 1e-16 else f"{value:.2g}"
 
 
 def segmentation_table(segmentations: Sequence[SegmentationRow]) -> Table:

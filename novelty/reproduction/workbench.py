@@ -126,7 +126,9 @@ class Workbench:
         )
 
     def _aligned(self, config: Config) -> PreparedPairs:
-        return self.prepared(config).aligned(self._registered(config).value.transforms)
+        transforms = self._registered(config).value.transforms
+        key = ("aligned", config.preprocess, config.registration)
+        return self._once(key, lambda: self.prepared(config).aligned(transforms)).value
 
     def _once(self, key: Hashable, make: Callable[[], Any]) -> _Stage:
         if key not in self._stages:

@@ -5,7 +5,13 @@ import pytest
 import scipy.stats
 
 from novelty import InputError
-from novelty.evaluation import bootstrap_interval, mcnemar, mcnemar_over_scans, proportion_interval, t_interval
+from novelty.evaluation import (
+    bootstrap_interval,
+    mcnemar,
+    mcnemar_over_scans,
+    proportion_interval,
+    t_interval,
+)
 
 INTERVALS = (t_interval, bootstrap_interval)
 
