@@ -18,7 +18,7 @@ from novelty.reproduction import FAST, Extent, Row, Verdict, reproduce, write_fi
 from novelty.reproduction import thresholds as reproduction_thresholds
 from novelty.reproduction.drawing import Picture, View
 from novelty.reproduction.findings import Condition, find, judged
-from novelty.reproduction.methods import ALONE, CLUSTERINGS, OURS, POINTWISE, PRINTED, STEPS
+from novelty.reproduction.methods import ALONE, CALIBRATED, CLUSTERINGS, OURS, POINTWISE, PRINTED, STEPS
 from novelty.reproduction.rows import interval, order_curve, paired_difference
 from novelty.reproduction.scoring import Outcome, SimulatedCase, best_choice, run_experiment
 from novelty.reproduction.segmentation import TITLES, SegmentationRow, Segmentations, segment_case
@@ -181,6 +181,16 @@ def test_numbers_like_the_papers_agree_with_it():
     assert {finding.claim: finding.verdict for finding in findings} == {
         f.claim: Verdict.AGREES for f in findings
     }
+    assert {finding.second_verdict for finding in findings} == {Verdict.AGREES, ""}
+
+
+def test_the_second_reading_is_judged_by_its_own_rows():
+    rows, segmentations, thresholds = as_if(good=True)
+    bad, *_ = as_if(good=False)
+    mixed = [row for row in rows if row.method != CALIBRATED.key]
+    mixed += [row for row in bad if row.method == CALIBRATED.key]
+    (alike,) = [f for f in find(mixed, segmentations, thresholds) if f.claim.startswith("Below 1.5 m")]
+    assert (alike.verdict, alike.second_verdict) == (Verdict.AGREES, Verdict.PARTLY)
 
 
 def test_methods_that_find_nothing_agree_with_nothing():
