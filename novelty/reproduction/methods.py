@@ -36,7 +36,7 @@ PRINTED = (EMD, STRUCTURAL)
 
 CALIBRATED = Method(
     "structural_calibrated",
-    "Str. matching, U_T and U_R found here",
+    "Str. matching, thresholds found here",
     _paper("structural_matching"),
     "printed",
 )

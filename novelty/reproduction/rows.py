@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -115,8 +115,13 @@ def _is_nan(value: Any) -> bool:
 
 
 def interval(rows: Iterable[Row], column: str = "kappa") -> Interval:
-    """Mean of a column over repetitions, with Student's interval at 95 %."""
-    return t_interval([getattr(row, column) for row in rows])
+    """Mean of kappa, or of another column between -1 and 1, with Student's interval at 95 %, cut to that range."""
+    return _within(t_interval([getattr(row, column) for row in rows]), 1.0)
+
+
+def _within(span: Interval, most: float) -> Interval:
+    """The interval cut to values of this size at most."""
+    return replace(span, low=max(-most, span.low), high=min(most, span.high)) if span.count > 1 else span
 
 
 def matching(rows: Iterable[Row], **wanted: Any) -> list[Row]:
@@ -144,7 +149,7 @@ def paired_difference(
     """Mean of first minus second over the pairs of rows that agree in the columns `same`."""
     others: Mapping[Any, float] = {_place(row, same): getattr(row, column) for row in second}
     both = [(getattr(row, column), others[_place(row, same)]) for row in first if _place(row, same) in others]
-    return t_interval([a - b for a, b in both])
+    return _within(t_interval([a - b for a, b in both]), 2.0)
 
 
 def _place(row: Row, same: Sequence[str]) -> tuple[Any, ...]:

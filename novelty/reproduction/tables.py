@@ -255,12 +255,12 @@ def _time_line(experiment: str, method: Method, rows: Sequence[Row]) -> Line:
 
 
 def spanned(span: Interval) -> str:
-    """A mean and its interval, cut to the range of kappa: 0.870 [0.801, 0.939]."""
+    """A mean and its interval: 0.870 [0.801, 0.939]."""
     if math.isnan(span.mean):
         return "–"
     if math.isnan(span.low):
         return f"{span.mean:.3f}"
-    return f"{span.mean:.3f} [{max(span.low, -1):.3f}, {min(span.high, 1):.3f}]"
+    return f"{span.mean:.3f} [{span.low:.3f}, {span.high:.3f}]"
 
 
 def _spaced(value: int) -> str:

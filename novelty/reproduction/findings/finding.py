@@ -77,4 +77,4 @@ def of_methods(rows: Sequence[Row], methods: Iterable[Method]) -> str:
 
 def listed(spans: Mapping[str, Interval]) -> str:
     """Means by name: cylinder 0.25, person 0.99."""
-    return ", ".join(f"{name} {span.mean:.2f}" for name, span in spans.items())
+    return ", ".join(f"{name} {round(span.mean, 2) + 0.0:.2f}" for name, span in spans.items())

@@ -49,9 +49,9 @@ class Condition:
 
     def __str__(self) -> str:
         if math.isinf(self.high):
-            bound = f"> {self.low:g}"
+            bound = f"> {self.low:.2g}"
         elif math.isinf(self.low):
-            bound = f"< {self.high:g}"
+            bound = f"< {self.high:.2g}"
         else:
             bound = f"in {self.low:g} to {self.high:g}"
         return f"{self.what} {told(self.span)} ({bound})"
@@ -71,6 +71,5 @@ def told(span: Interval) -> str:
     """0.43 [0.31, 0.55]."""
     if math.isnan(span.mean):
         return "not defined"
-    if math.isnan(span.low):
-        return f"{span.mean:.2f}"
-    return f"{span.mean:.2f} [{span.low:.2f}, {span.high:.2f}]"
+    mean, low, high = (round(value, 2) + 0.0 for value in (span.mean, span.low, span.high))  # never -0.00
+    return f"{mean:.2f}" if math.isnan(low) else f"{mean:.2f} [{low:.2f}, {high:.2f}]"
