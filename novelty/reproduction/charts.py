@@ -20,6 +20,9 @@ from novelty.reproduction.thresholds import Thresholds, bins
 Chart = dict[str, Any]
 
 BLUE, ORANGE, GREEN, VIOLET = "#2b7de9", "#e8590c", "#2f9e44", "#8250c4"
+HEAT = [[0, "rgba(43,125,233,0)"], [0.1, "rgba(43,125,233,0.3)"], [1, "#12366e"]]
+"""From nothing to much, on a light page and on a dark one."""
+
 TITLES = {BOX_SIZE: "Box of twelve sizes", VIEWPOINT: "Person from twelve viewpoints"}
 
 
@@ -52,7 +55,7 @@ def simplification_chart(rows: Sequence[SimplificationRow]) -> Chart:
             for limit in limits
         }
         traces += _banded(spans, name, colour)
-    layout = _layout("σ_max", "share of points kept")
+    layout = _layout("σ<sub>max</sub>", "share of points kept")
     layout["xaxis"] |= {"type": "log", "tickvals": limits, "ticktext": [f"{limit:g}" for limit in limits]}
     layout["yaxis"] |= {"range": [0, None], "tickformat": ".0%"}
     return {"data": traces, "layout": layout}
@@ -74,18 +77,21 @@ def _histogram_chart(found: Thresholds, shares: NDArray[np.float64], title: str)
         "x": node.tolist(),
         "y": arc.tolist(),
         "z": np.round(100 * shares.T, 4).tolist(),
-        "colorscale": "Blues",
-        "reversescale": True,
+        "colorscale": HEAT,
         "colorbar": {"title": {"text": "%"}, "thickness": 12},
         "hovertemplate": "d %{x:.2f}, δ %{y:.2f}: %{z:.2f} %<extra></extra>",
     }
     corners = {
-        f"printed: U_T {printed.node_threshold:g}, U_R {printed.arc_threshold:g}": (
+        f"printed: U<sub>T</sub> {printed.node_threshold:g}, U<sub>R</sub> {printed.arc_threshold:g}": (
             printed.node_threshold,
             printed.arc_threshold,
             ORANGE,
         ),
-        f"least error: U_T {found.node:g}, U_R {found.arc:g}": (found.node, found.arc, VIOLET),
+        f"least error: U<sub>T</sub> {found.node:g}, U<sub>R</sub> {found.arc:g}": (
+            found.node,
+            found.arc,
+            VIOLET,
+        ),
     }
     boxes = [
         _line([0, x, x], [y, y, 0], name, colour) | {"line": {"color": colour, "width": 3}}
@@ -105,7 +111,7 @@ def _order_chart(rows: Sequence[Row], experiment: str) -> Chart:
     span = interval(matching(rows, experiment=experiment, method=default.key))
     orders = sorted({row.order for row in rows if row.experiment == experiment and row.order})
     reference = _line(
-        [orders[0], orders[-1]], [span.mean] * 2, f"{default.title}, K_max = {orders[-1]}", GREEN
+        [orders[0], orders[-1]], [span.mean] * 2, f"{default.title}, K<sub>max</sub> = {orders[-1]}", GREEN
     )
     reference["line"] |= {"dash": "dash"}
     layout = _layout("components K", "mean κ") | {"title": {"text": TITLES[experiment], "font": {"size": 15}}}

@@ -169,9 +169,9 @@ def threshold_table(found: Thresholds) -> Table:
         Column("maps"),
         Column("valid pairings per map"),
         Column(f"d < {printed.node_threshold:g}"),
-        Column(f"shapes: ω ≤ {printed.arc_threshold:g}"),
-        Column("all of it, valid"),
-        Column("all of it, invalid"),
+        Column(f"alike in shape: ω ≤ {printed.arc_threshold:g}"),
+        Column("valid let pass"),
+        Column("invalid let pass"),
         Column("P_err"),
     )
     groups: dict[str, list[ThresholdRow]] = {}

@@ -362,7 +362,7 @@ def test_the_page_stands_alone_and_says_what_the_rows_say(tmp_path):
     write_page(tmp_path / "paper.html", found, extent, "novelty paper")
     text = (tmp_path / "paper.html").read_text(encoding="utf-8")
     assert not re.search(r"<(link|script|img)\s[^>]*(src|href)=\"?http", text.split("<script>")[0])
-    plain = re.sub(r"<sub>(\w+)</sub>", r"_\1", text)
+    plain = re.sub(r"<sub>(\w+)</sub>", r"_\1", text).replace("&nbsp;", " ")
     for finding in found.findings:
         for told in (finding.ours, finding.decides):
             for part in told.split("; "):
