@@ -48,15 +48,15 @@ class Sheet:
 
 
 SHEETS = {
-    "urg_04lx": (Sheet(1.0, 0.01, "+-10 mm to 1 m"), Sheet(4.0, 0.04, "+-1 % beyond")),
+    "urg_04lx": (Sheet(1.0, 0.01, "±10 mm to 1 m"), Sheet(4.0, 0.04, "±1 % beyond")),
     "utm_30lx": (
-        Sheet(5.0, 0.01, "sigma < 10 mm to 10 m", True),
-        Sheet(20.0, 0.03, "sigma < 30 mm to 30 m", True),
+        Sheet(5.0, 0.01, "σ < 10 mm to 10 m", True),
+        Sheet(20.0, 0.03, "σ < 30 mm to 30 m", True),
     ),
-    "lms_200": (Sheet(4.0, 0.005, "5 mm, 1 sigma"), Sheet(8.0, 0.005, "5 mm, 1 sigma")),
-    "vlp_16": (Sheet(10.0, 0.012, "+-3 cm typical (2.5 sigma)"),),
-    "hdl_32e": (Sheet(25.0, 0.02, "2 cm, 1 sigma at 25 m"),),
-    "kinect": (Sheet(2.0, 0.0057, "1.425e-3 z^2: 5.7 mm"), Sheet(4.5, 0.0289, "1.425e-3 z^2: 28.9 mm")),
+    "lms_200": (Sheet(4.0, 0.005, "5 mm, 1 σ"), Sheet(8.0, 0.005, "5 mm, 1 σ")),
+    "vlp_16": (Sheet(10.0, 0.012, "±3 cm typical (2.5 σ)"),),
+    "hdl_32e": (Sheet(25.0, 0.02, "2 cm, 1 σ at 25 m"),),
+    "kinect": (Sheet(2.0, 0.0057, "1.425 mm z²: 5.7 mm"), Sheet(4.5, 0.0289, "1.425 mm z²: 28.9 mm")),
 }
 
 
@@ -88,7 +88,7 @@ def _write_noise(folder: Path) -> None:
 
     panels = [(name, sheet) for name, sheets in SHEETS.items() for sheet in sheets]
     figure, axes = plt.subplots(2, -(-len(panels) // 2), figsize=(17, 6))
-    with (folder / "range_noise.csv").open("w", newline="") as file:
+    with (folder / "range_noise.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(("sensor", "distance_m", "measured_std_mm", "data_sheet_mm", "data_sheet"))
         for axis, (name, sheet) in zip(axes.ravel(), panels, strict=False):
@@ -114,7 +114,7 @@ def _histogram(axis: Any, errors: np.ndarray, sheet: Sheet, title: str) -> None:
         axis.plot(span, np.exp(-(span**2) / (2 * std**2)) / (std * np.sqrt(2 * np.pi)), color="#d90429")
     axis.set(title=title, xlabel=f"error, mm; data sheet: {sheet.words}", yticks=[])
     axis.title.set_fontsize(9)
-    axis.xaxis.label.set_fontsize(7)
+    axis.xaxis.label.set_fontsize(8)
 
 
 def _platform_scans() -> dict[str, SimulatedPair]:
@@ -148,7 +148,7 @@ def _write_platforms(path: Path) -> None:
             _draw(panels[6], scan.points[lines][:, [1, 2]], scan.labels[lines], "push-broom, along the hall")
     for colour, meaning in zip(COLOURS.values(), MEANINGS, strict=True):
         panels[7].scatter([], [], c=colour, label=meaning)
-    panels[7].legend(loc="center", frameon=False)
+    panels[7].legend(loc="center", frameon=False, markerscale=2, fontsize=11)
     panels[7].set_axis_off()
     figure.tight_layout()
     figure.savefig(path, dpi=70)
@@ -168,5 +168,11 @@ def _draw(axis: Any, places: np.ndarray, labels: np.ndarray, title: str) -> None
     for label, colour in COLOURS.items():
         chosen = places[labels == label]
         axis.scatter(chosen[:, 0], chosen[:, 1], s=0.4 if label == UNCHANGED else 2.0, c=colour, lw=0)
-    axis.set(title=title, aspect="equal")
+    left, bottom = places.min(axis=0)
+    axis.plot([left, left + 1], [bottom - 0.25] * 2, color="#111111", lw=1.5)
+    axis.annotate(
+        "1 m", (left + 0.5, bottom - 0.25), (0, 2), textcoords="offset points", ha="center", fontsize=8
+    )
+    axis.set_title(title)
+    axis.set_aspect("equal", adjustable="datalim")
     axis.set_axis_off()

@@ -45,6 +45,7 @@ def write_page(path: Path, reproduction: Reproduction, extent: Extent, command: 
         "table_2": [(name, tables.table_2(outcome.rows, name)) for name in (printed.COMPLETE, printed.AREA)],
         "steps": tables.step_table(outcome.rows),
         "thresholds": tables.threshold_table(reproduction.thresholds),
+        "found": reproduction.thresholds,
         "static": tables.case_table(outcome.rows, "static_platform"),
         "removal": tables.case_table(outcome.rows, "removal"),
         "corridor": tables.case_table(outcome.rows, "ideal_corridor"),
