@@ -110,3 +110,6 @@ POINTWISE = (
     Method("voxel_difference", "voxel difference", Config(detector="voxel_difference")),
 )
 """Comparisons of points."""
+
+M3C2 = Method("m3c2", "M3C2", Config(detector="m3c2"))
+"""Another, where the extra [baselines] is installed."""

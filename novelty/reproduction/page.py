@@ -17,6 +17,7 @@ from novelty.report.tables import Column, Row, Table, version_table
 from novelty.reproduction import figures, printed, tables
 from novelty.reproduction.charts import order_charts, simplification_chart, size_chart, threshold_charts
 from novelty.reproduction.findings import Verdict
+from novelty.reproduction.methods import M3C2
 from novelty.reproduction.run import Extent, Reproduction
 from novelty.reproduction.sensitivity import BOX_SIZE, VIEWPOINT
 
@@ -47,6 +48,7 @@ def write_page(path: Path, reproduction: Reproduction, extent: Extent, command: 
         "thresholds": tables.threshold_table(reproduction.thresholds),
         "found": reproduction.thresholds,
         "static": tables.case_table(outcome.rows, "static_platform"),
+        "with_m3c2": any(row.method == M3C2.key for row in outcome.rows),
         "removal": tables.case_table(outcome.rows, "removal"),
         "corridor": tables.case_table(outcome.rows, "ideal_corridor"),
         "tests": tables.test_tables(outcome.tests),

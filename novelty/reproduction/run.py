@@ -7,10 +7,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 from novelty.reproduction.findings import Finding, find
-from novelty.reproduction.methods import ALONE, CLUSTERINGS, EMD, OURS, POINTWISE, PRINTED, STEPS, Method
+from novelty.reproduction.methods import (
+    ALONE,
+    CLUSTERINGS,
+    EMD,
+    M3C2,
+    OURS,
+    POINTWISE,
+    PRINTED,
+    STEPS,
+    Method,
+)
 from novelty.reproduction.rows import write_rows
 from novelty.reproduction.scoring import Outcome, run_experiment
 from novelty.reproduction.segmentation import Segmentations, segment_case
@@ -83,7 +94,8 @@ def reproduce(extent: Extent = FULL, say: Callable[[str], None] = lambda _: None
     # Sections 3.3 and 3.4, Fig. 11, 13 and 14.
     with clock.stage("static platform and Loménie's method"):
         segment = partial(segment_case, found=segmentations, repetitions=extent.segmentations)
-        score("static_platform", (*everything, *CLUSTERINGS, *POINTWISE), also=segment)
+        others = (*CLUSTERINGS, *POINTWISE, *((M3C2,) if find_spec("py4dgeo") else ()))
+        score("static_platform", (*everything, *others), also=segment)
     # Section 3.5, Table 2, Fig. 12 and 15.
     with clock.stage("mobile platform"):
         score("mobile_platform", everything)

@@ -14,6 +14,7 @@ from novelty.reproduction.methods import (
     ALONE,
     CALIBRATED,
     CLUSTERINGS,
+    M3C2,
     OURS,
     POINTWISE,
     PRINTED,
@@ -27,7 +28,8 @@ from novelty.reproduction.segmentation import TITLES, SegmentationRow
 from novelty.reproduction.thresholds import ThresholdRow, Thresholds
 
 METHODS = {
-    method.key: method for method in (*PRINTED, CALIBRATED, *STEPS, *ALONE, *OURS, *CLUSTERINGS, *POINTWISE)
+    method.key: method
+    for method in (*PRINTED, CALIBRATED, *STEPS, *ALONE, *OURS, *CLUSTERINGS, *POINTWISE, M3C2)
 }
 """Every method by its key."""
 
@@ -97,7 +99,7 @@ def case_table(rows: Sequence[Row], experiment: str) -> Table:
     lines = []
     for key, part in grouped(own, lambda row: row.method).items():
         spans = [spanned(interval(matching(part, case=case))) for case in cases]
-        attainable = "" if METHODS[key] in POINTWISE else f"{interval(part, 'attainable').mean:.3f}"
+        attainable = "" if METHODS[key] in (*POINTWISE, M3C2) else f"{interval(part, 'attainable').mean:.3f}"
         lines.append(
             Line(
                 (METHODS[key].title, *spans, attainable, f"{statistics.median(r.seconds for r in part):.2f}")
