@@ -53,7 +53,7 @@ def _best(rows: Sequence[Row], experiment: str, method: Method) -> str:
     curve = order_curve(rows, experiment, method)
     best = max(curve, key=lambda k: curve[k].mean)
     named = ", ".join(f"{curve[k].mean:.2f} at {k}" for k in (*printed.BEST_ORDERS, max(curve)))
-    return f"{method.title} best at K = {best} (κ {curve[best].mean:.2f}; {named})"
+    return f"{method.title} best at K = {best}, κ {curve[best].mean:.2f} ({named})"
 
 
 def _advantage(rows: Sequence[Row], experiment: str, method: Method) -> Interval:
