@@ -69,9 +69,8 @@ def table_2(rows: Sequence[Row], analysis: str) -> Table:
 
 
 def _table_2_line(case: str, method: Method, rows: Sequence[Row]) -> Line:
-    cell = (
-        printed.TABLE_2.get((case, rows[0].analysis, method.config.detector)) if method in PRINTED else None
-    )
+    place = (case, rows[0].analysis, method.config.detector)
+    cell = printed.TABLE_2.get(place) if method in (*PRINTED, CALIBRATED) else None
     kappa = interval(rows)
     cells = (
         case,
@@ -83,7 +82,7 @@ def _table_2_line(case: str, method: Method, rows: Sequence[Row]) -> Line:
         f"{interval(rows, 'attainable').mean:.3f}",
         f"{cell.cramers_v:.3f}, {cell.uncertainty:.3f}, {cell.kappa:.3f}" if cell else "",
     )
-    return Line(cells, "printed" if cell else "")
+    return Line(cells, "printed" if method in PRINTED else "")
 
 
 def case_table(rows: Sequence[Row], experiment: str) -> Table:
