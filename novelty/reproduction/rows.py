@@ -31,6 +31,7 @@ class Row:
         points: Points of the current scan.
         changed_points: Those that have changed.
         attainable: Kappa of the best choice of components, knowing the truth; no comparison of components exceeds it.
+        distance: Between the two mixtures (eq. 8), in the method's ground distance, m for those as printed.
         true_positives: Novel points that were called novel; the counts are those of section 3.1.
         chi2: Of the table.
         p_value: Of chi2.
@@ -54,6 +55,7 @@ class Row:
     points: int
     changed_points: int
     attainable: float
+    distance: float
     true_positives: int
     false_negatives: int
     false_positives: int

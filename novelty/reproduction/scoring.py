@@ -202,6 +202,7 @@ class SimulatedCase:
             attainable=evaluate(
                 truth, best_choice(answer.components[index], truth, ignored), ignore=ignored
             ).kappa,
+            distance=float(answer.distance[index]),
             **scored_fields(scores),
             preprocess=answer.seconds["preprocess"],
             register=answer.seconds["register"],

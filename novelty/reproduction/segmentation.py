@@ -50,6 +50,9 @@ class SegmentationRow:
         points: Examined points of the scan.
         clusters: How many there are.
         without_cluster: Points that belong to none.
+        by_hypervolume: What another measure of validity would have chosen, the least fuzzy hypervolume; 0 where nothing
+            was chosen.
+        by_average_density: The same of the greatest average partition density.
         kappa: Of the points in the clusters that are best called novel, knowing the truth: what can be reached.
         seconds: From the examined points to the clusters.
     """
@@ -60,6 +63,8 @@ class SegmentationRow:
     points: int
     clusters: int
     without_cluster: int
+    by_hypervolume: int
+    by_average_density: int
     kappa: float
     seconds: float
 
@@ -99,19 +104,24 @@ def segment_case(batch: SimulatedCase, found: Segmentations, repetitions: int) -
 
 @dataclass(frozen=True, eq=False)
 class _Answer:
-    """What one method says of P scans: the cluster of every point (N,), how many (P,), seconds per scan."""
+    """What one method says of P scans: the cluster of every point (N,), how many (P,), seconds per scan.
+
+    `others` has what the other two measures of validity would have chosen (P,) each, if anything was chosen.
+    """
 
     method: str
     labels: torch.Tensor
     clusters: list[int]
     seconds: float
+    others: tuple[list[int], list[int]] | None = None
 
 
 def _segmented(scans: PreparedScans) -> Iterator[_Answer]:
     count = len(scans)
     partitions, seconds = _timed(lambda: fit_fuzzy_partitions(scans.points, FORCED))
-    for method, orders in ((AUTOMATIC, partitions.best()), (NINE, [FORCED] * count)):
-        yield _Answer(method, _cut(partitions, orders, scans.points), orders, seconds / count)
+    others = partitions.best("hypervolume"), partitions.best("average_density")
+    for method, orders, told in ((AUTOMATIC, partitions.best(), others), (NINE, [FORCED] * count, None)):
+        yield _Answer(method, _cut(partitions, orders, scans.points), orders, seconds / count, told)
     for method, most in ((MIXTURE_9, FORCED), (MIXTURE_20, 20)):
         mixtures, seconds = _timed(partial(_mixtures, scans, PAPER.replace(max_components=most)))
         orders = mixtures.num_components.tolist()
@@ -138,9 +148,10 @@ def _timed(make: Callable[[], T]) -> tuple[T, float]:
 
 
 def _record(found: Segmentations, batch: SimulatedCase, scans: PreparedScans, answer: _Answer) -> None:
-    labels = scans.points.split(answer.labels)
-    parts = zip(batch.members, batch.bench.pairs, scans.kept, labels, answer.clusters, strict=False)
-    for member, pair, kept, part, count in parts:
+    labels, none = scans.points.split(answer.labels), [0] * len(scans)
+    others = zip(*(answer.others or (none, none)), strict=True)
+    parts = zip(batch.members, batch.bench.pairs, scans.kept, labels, answer.clusters, others, strict=False)
+    for member, pair, kept, part, count, (by_hypervolume, by_average_density) in parts:
         assert pair.current.labels is not None
         truth, own = pair.current.labels[kept], part.numpy()
         scores = evaluate_labels(truth, best_choice(own, truth == CHANGED, truth >= SEEN_ONCE)).scores
@@ -153,6 +164,8 @@ def _record(found: Segmentations, batch: SimulatedCase, scans: PreparedScans, an
                 len(own),
                 count,
                 without,
+                by_hypervolume,
+                by_average_density,
                 scores.kappa,
                 answer.seconds,
             )

@@ -31,6 +31,7 @@ class Answer:
         components: For each pair, the most probable component of every point, int64 (N_p,); -1 none.
         mixtures: P mixtures of the current scans; of no components for a method without.
         novel: Novel components, bool (P, K); all False for a method that compares points.
+        distance: Between the two mixtures (P,), eq. 8, in the method's ground distance; NaN where there is none.
         seconds: Per pair, by stage; a stage that methods share counts for each of them.
     """
 
@@ -38,6 +39,7 @@ class Answer:
     components: tuple[NDArray[np.int64], ...]
     mixtures: GaussianMixtures
     novel: torch.Tensor
+    distance: torch.Tensor
     seconds: Mapping[str, float]
 
 
@@ -112,6 +114,7 @@ class Workbench:
             labels=self._scattered(batch.value, points.labels, False),
             components=self._scattered(batch.value, points.components, -1),
             mixtures=mixtures,
+            distance=comparison.distance,
             novel=torch.zeros_like(mixtures.mask) if isinstance(novelty, PointNovelty) else novelty.novel,
             seconds={stage: seconds / len(self.pairs) for stage, seconds in stages.items()},
         )

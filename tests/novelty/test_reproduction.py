@@ -117,6 +117,7 @@ def test_an_experiment_leaves_a_row_per_pair_and_method_and_a_test():
         assert row.true_positives + row.false_negatives == row.changed_points
         assert row.chi2 == pytest.approx(sum(table) * row.cramers_v**2)
         assert row.attainable >= row.kappa - 1e-12
+        assert math.isnan(row.distance) == (row.method == PRINTED[1].key)
 
 
 def test_exchanged_scans_find_what_was_removed():
@@ -164,7 +165,7 @@ def as_if(good):
     clusters = {"fuzzy_automatic": 2 if good else 8, "fuzzy_9": 9, "mixture_9": 9, "mixture_20": 20}
     told = {"mixture_20"} if good else {"fuzzy_automatic", "fuzzy_9", "mixture_9"}
     segmentations = [
-        SegmentationRow(case, r, key, 100, clusters[key], 0, 0.9 * (key in told), seconds.get(key, 1.0))
+        SegmentationRow(case, r, key, 100, clusters[key], 0, 9, 5, 0.9 * (key in told), seconds.get(key, 1.0))
         for key in TITLES
         for r in range(10)
         for case in ("door opened", "door closed")
@@ -268,6 +269,9 @@ def test_segmentations_are_those_of_the_first_scans(bench, pairs):
     assert {row.repetition for row in found.rows} == {0}
     clusters = {row.method: row.clusters for row in found.rows}
     assert clusters["fuzzy_9"] == 9
+    chosen = {row.method: (row.by_hypervolume, row.by_average_density) for row in found.rows}
+    assert min(chosen["fuzzy_automatic"]) >= 1
+    assert chosen["fuzzy_9"] == chosen["mixture_20"] == (0, 0)
     assert 1 < clusters["mixture_9"] <= 9
     assert 1 < clusters["mixture_20"] <= 20
     assert [len(example.clusters) for example in found.examples] == [row.points for row in found.rows]

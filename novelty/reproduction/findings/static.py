@@ -56,10 +56,15 @@ def few_clusters(segmentations: Sequence[SegmentationRow]) -> Finding:
     """Section 3.4: what Lomenie's method chooses by itself."""
     rows = [row for row in segmentations if row.method == AUTOMATIC]
     counts = [row.clusters for row in rows]
+    density, volume = (
+        statistics.mean(getattr(row, name) for row in rows)
+        for name in ("by_average_density", "by_hypervolume")
+    )
     return weighed(
         "Loménie's method by itself takes too few clusters to show the change (3.4, Fig. 13 a-c).",
         "3, 2 and 2 clusters",
-        f"{statistics.mean(counts):.1f} clusters on average ({min(counts)} to {max(counts)}) of nine allowed",
+        f"{statistics.mean(counts):.1f} clusters on average ({min(counts)} to {max(counts)}) of nine allowed, by the "
+        f"partition density; by the average density {density:.1f}, by the fuzzy hypervolume {volume:.1f}",
         [
             Condition("clusters", t_interval(counts), high=5),
             Condition("share of scans with clusters for the change", _told(rows), high=0.5),
