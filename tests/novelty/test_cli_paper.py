@@ -60,7 +60,8 @@ def test_paper_prints_every_verdict_with_its_numbers(tmp_path, capsys, monkeypat
 
     import novelty.reproduction as reproduction
 
-    finding = reproduction.Finding("The change is found.", "κ 0.9", "κ 0.8", reproduction.Verdict.AGREES)
+    told = ("The change is found.", "κ 0.9", "κ 0.8", "κ 0.80 [0.70, 0.90] (> 0.6)")
+    finding = reproduction.Finding(*told, reproduction.Verdict.AGREES)
     asked = []
 
     def reproduce(extent, say):

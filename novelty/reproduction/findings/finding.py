@@ -39,8 +39,8 @@ class Finding:
     ours: str
     decides: str
     verdict: Verdict
-    second_decides: str
-    second_verdict: str
+    second_decides: str = ""
+    second_verdict: str = ""
 
 
 def weighed(
