@@ -43,13 +43,8 @@ def thresholds_are_the_least_error(found: Thresholds) -> Finding:
 
 def changes_are_segmented(rows: Sequence[Row]) -> Finding:
     """Section 3.3."""
-    return weighed(
-        "All three changes seen by the static platform are segmented (3.3, Fig. 11).",
-        "shown in pictures",
-        of_methods(rows, (EMD, CALIBRATED, OURS[0])),
-        _strong(rows, EMD),
-        _strong(rows, CALIBRATED),
-    )
+    claim = "All three changes seen by the static platform are segmented (3.3, Fig. 11)."
+    return _strong_in_every_case(claim, "shown in pictures", rows)
 
 
 def few_clusters(segmentations: Sequence[SegmentationRow]) -> Finding:
@@ -125,17 +120,16 @@ def mixture_is_faster(segmentations: Sequence[SegmentationRow]) -> Finding:
 
 def removal_is_found(rows: Sequence[Row]) -> Finding:
     """Section 4."""
-    return weighed(
-        "What was removed is found with the scans exchanged (section 4).",
-        "stated",
-        of_methods(rows, (EMD, CALIBRATED, OURS[0])),
-        _strong(rows, EMD),
-        _strong(rows, CALIBRATED),
-    )
+    claim = "What was removed is found with the scans exchanged (section 4)."
+    return _strong_in_every_case(claim, "stated", rows)
+
+
+def _strong_in_every_case(claim: str, printed: str, rows: Sequence[Row]) -> Finding:
+    ours = of_methods(rows, (EMD, CALIBRATED, OURS[0]))
+    return weighed(claim, printed, ours, *(_strong(rows, method) for method in (EMD, CALIBRATED)))
 
 
 def _strong(rows: Sequence[Row], method: Method) -> list[Condition]:
-    """Strong agreement in every case."""
     spans = by_case(matching(rows, method=method.key))
     return [Condition(f"κ, {case}", span, low=STRONG) for case, span in spans.items()]
 
