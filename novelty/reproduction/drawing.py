@@ -58,10 +58,11 @@ class View:
 
 
 class Picture:
-    """One picture, drawn layer by layer."""
+    """One picture, drawn layer by layer; its scale is written in points of `text_size`."""
 
-    def __init__(self, view: View) -> None:
+    def __init__(self, view: View, text_size: float = 9.0) -> None:
         self.view = view
+        self.text_size = text_size
         figure = matplotlib_figure()
         self._figure = figure(figsize=(WIDTH, WIDTH), dpi=DPI)
         self._axes = self._figure.add_axes((0, 0, 1, 1))
@@ -120,7 +121,7 @@ class Picture:
             textcoords="offset points",
             ha="center",
             va="bottom",
-            fontsize=8,
+            fontsize=self.text_size,
             color=DARK,
         )
 

@@ -26,6 +26,9 @@ from novelty.reproduction.sensitivity import BOX_SIZE, SELECTED, VIEWPOINT
 from novelty.reproduction.simplification import LIMIT, SimplificationExample
 from novelty.scan import CHANGED
 
+SMALL = 15.0
+"""Size of the writing in pictures of which five stand in a row."""
+
 MOST_POINTS = 25_000
 """Points drawn in a picture at most, evenly taken."""
 
@@ -119,7 +122,7 @@ def segmentation_figure(segmentations: Segmentations) -> Figure:
     for case in cases:
         own = [example for example in segmentations.examples if example.case == case]
         view = View.from_corner(own[0].points)
-        truth = Picture(view).points(
+        truth = Picture(view, SMALL).points(
             own[0].points, truth_colours(own[0].changed), size=4, every=_every(own[0].points)
         )
         panels = [
@@ -130,7 +133,7 @@ def segmentation_figure(segmentations: Segmentations) -> Figure:
             )
         ]
         for example in own:
-            picture = Picture(view).points(
+            picture = Picture(view, SMALL).points(
                 example.points, cluster_colours(example.clusters), size=4, every=_every(example.points)
             )
             row = next(r for r in segmentations.rows if (r.case, r.method) == (case, example.method))
