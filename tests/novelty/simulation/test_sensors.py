@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.simulation_figures import SHEETS, range_errors
 from novelty.simulation import (
     SENSORS,
     World,
@@ -56,6 +57,22 @@ def test_range_noise_has_the_standard_deviation_asked_for(name, std):
     )
     assert error[~scan.mixed].std() == pytest.approx(std, rel=0.03)
     assert abs(error[~scan.mixed].mean()) < 0.03 * std
+
+
+@pytest.mark.parametrize(
+    ("name", "sheet"), [(name, sheet) for name, sheets in SHEETS.items() for sheet in sheets]
+)
+def test_range_errors_are_those_of_the_data_sheet(name, sheet):
+    errors = range_errors(name, sheet.distance)
+    if sheet.bound:
+        assert 0.3 * sheet.std < errors.std() < sheet.std
+    else:
+        assert errors.std() == pytest.approx(sheet.std, rel=0.1)
+    assert abs(errors.mean()) < 0.1 * sheet.std
+
+
+def test_every_sensor_is_measured_against_its_data_sheet():
+    assert set(SHEETS) == set(SENSORS)
 
 
 def test_relative_noise_grows_with_range():
