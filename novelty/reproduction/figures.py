@@ -156,9 +156,8 @@ def simplification_figure(example: SimplificationExample) -> Figure:
     picture = (
         Picture(view).points(example.points, "#e5b800", every=1).points(example.kept, "#222222", size=2.5)
     )
-    caption = f"{len(example.points):,} points, {len(example.kept):,} are kept at σ_max = {LIMIT:g}.".replace(
-        ",", " "
-    )
+    share = len(example.kept) / len(example.points)
+    caption = f"{len(example.points)} points, of which {share:.0%} are kept at σ_max = {LIMIT:g}."
     panel = Panel(picture.source(example.points), caption, "Hills of points, denser where they are curved.")
     return Figure(
         "Fig. 4: simplification",

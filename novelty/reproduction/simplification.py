@@ -16,8 +16,8 @@ from novelty.preprocess.simplify import Scale, Simplified, simplify
 from novelty.reproduction.scoring import Outcome, shortened, simulated
 from novelty.simulation.experiments import load_experiment
 
-LIMIT = 0.003
-"""sigma_max of the picture: above the noise of flat ground, below the curvature of the hills."""
+LIMIT = 0.001
+"""sigma_max of the picture: above the noise of flat ground, below the curvature of the hills and of the whole cloud."""
 
 NEIGHBOURS = 30
 """Points whose surface variation (eq. 1) says how curved the surface is at a point."""
