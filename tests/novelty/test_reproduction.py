@@ -22,6 +22,7 @@ from novelty.reproduction.methods import ALONE, CALIBRATED, CLUSTERINGS, OURS, P
 from novelty.reproduction.rows import interval, order_curve, paired_difference
 from novelty.reproduction.scoring import Outcome, SimulatedCase, best_choice, run_experiment
 from novelty.reproduction.segmentation import TITLES, SegmentationRow, Segmentations, segment_case
+from novelty.reproduction.simplification import run_simplification
 from novelty.reproduction.tables import METHODS, spanned, step_table, table_2
 from novelty.reproduction.thresholds import ThresholdRow, Thresholds, bins, find_thresholds
 from novelty.reproduction.workbench import Workbench
@@ -275,6 +276,16 @@ def test_segmentations_are_those_of_the_first_scans(bench, pairs):
     assert 1 < clusters["mixture_9"] <= 9
     assert 1 < clusters["mixture_20"] <= 20
     assert [len(example.clusters) for example in found.examples] == [row.points for row in found.rows]
+
+
+def test_curved_ground_keeps_more_points_than_flat():
+    rows, example = run_simplification(Outcome(), 2)
+    assert 0.05 < len(example.kept) / len(example.points) < 0.5
+    (first, *_) = [row for row in rows if row.max_surface_variation == 0.001]
+    assert first.kept_curved > 2 * first.kept_flat > 0
+    assert first.kept_flat < first.kept < first.kept_curved
+    kept = [row.kept for row in rows if row.repetition == 0]
+    assert kept == sorted(kept, reverse=True)
 
 
 def test_an_order_curve_is_the_mean_over_maps():
