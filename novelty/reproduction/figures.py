@@ -55,7 +55,10 @@ class Figure:
 STEPS = ("changes in the scan", "its mixture", "what is called novel")
 """The columns of Fig. 11, 12, 16 and 17: (b), (c) and (d)."""
 
-MARKS = "Changed points and novel components are orange; ellipses are drawn at 1.5 standard deviations."
+MARKS = (
+    "Changed points and novel components are orange; ellipses are drawn at 1.5 standard deviations, those of components "
+    "at the ceiling are cut off with it."
+)
 
 
 def static_figure(outcome: Outcome) -> Figure:
