@@ -56,8 +56,8 @@ STEPS = ("changes in the scan", "its mixture", "what is called novel")
 """The columns of Fig. 11, 12, 16 and 17: (b), (c) and (d)."""
 
 MARKS = (
-    "Changed points and novel components are orange; ellipses are drawn at 1.5 standard deviations, those of components "
-    "at the ceiling are cut off with it."
+    "Changed points and novel components are orange; ellipses are drawn at 1.5 standard deviations, but for those at "
+    "the ceiling, which is cut off."
 )
 
 
