@@ -27,7 +27,7 @@ from novelty.preprocess.settings import Preprocess
 from novelty.preprocess.simplify import Scale, Simplified, simplify
 from novelty.preprocess.spacing import Spacing, spacing_of
 from novelty.preprocess.survivors import Survivors
-from novelty.preprocess.units import metres_per
+from novelty.preprocess.units import doubt_of_metres, metres_per
 from novelty.scan import Scan, ScanPair
 
 ADVICE = {
@@ -108,7 +108,8 @@ def _examined_scans(scans: Sequence[Scan], settings: Preprocess, unit: str) -> l
     if not scans:
         raise InputError("expected at least one scan to prepare, got an empty list.")
     metres = metres_per(unit)
-    return [_examined(Survivors.from_scan(scan, metres), settings) for scan in scans]
+    examined = [_examined(Survivors.from_scan(scan, metres), settings) for scan in scans]
+    return [_doubted(part) for part in examined] if unit == "m" else examined
 
 
 def _examined(scan: Survivors, settings: Preprocess) -> _Examined:
@@ -122,6 +123,12 @@ def _examined(scan: Survivors, settings: Preprocess) -> _Examined:
     # Ground plane (Lai & Fox 2009); it is taken out once it is known whether another scan agrees.
     spacing = spacing_of(scan.points)
     return _Examined(scan, returns, origins, spacing, find_ground(scan, settings, spacing))
+
+
+def _doubted(examined: _Examined) -> _Examined:
+    """With a note where metres are hardly the unit."""
+    note = doubt_of_metres(examined.scan.points, examined.spacing.distance)
+    return examined if note is None else replace(examined, scan=examined.scan.noted(note))
 
 
 def _agreed(reference: _Examined, current: _Examined) -> tuple[_Examined, _Examined]:

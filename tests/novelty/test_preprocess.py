@@ -70,6 +70,13 @@ def test_lengths_are_metres_whatever_the_unit(room, unit, metres):
     np.testing.assert_allclose(scaled.origins[0], origin)
 
 
+def test_millimetres_read_as_metres_are_noted_and_a_scan_far_from_the_origin_is_not(room):
+    [notes] = prepare([Scan(room * 1000)], PLAIN).notes
+    assert any("pass --unit mm" in note for note in notes)
+    assert prepare([Scan(room * 1000)], PLAIN, unit="mm").notes == ((),)
+    assert prepare([Scan(np.add(room, [5e5, 5e6, 0]))], PLAIN).notes == ((),)
+
+
 def test_an_unknown_unit_and_a_direction_without_length_are_refused(room):
     with pytest.raises(ConfigError, match="one of m, cm, mm"):
         prepare([Scan(room)], PLAIN, unit="inch")
