@@ -5,18 +5,18 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
-from scipy.spatial import cKDTree
+from numpy.typing import NDArray
 from torch import Tensor
 
 from gmmtorch import GaussianMixtures, PointClouds
 from gmmtorch.evaluation import Posterior
-from novelty.detectors.moments import claimed_moments, mixtures_of
-from novelty.detectors.quantiles import grouped_order
+from novelty.detectors.moments import Moments, claimed_moments, mixtures_of
 from novelty.detectors.resolution import blurred
 
 MOST_SCORED = 2000
-"""Cells of a scan that are scored, about; the least p-value is one over their number."""
+"""Cells of a scan that are scored at most, about; the least p-value is one over their number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +46,13 @@ class HeldOutScores:
             block: cells that are dealt together, neighbours in space.
         """
         first, scored = _dealt(cells, block)
-        claims = posterior.responsibilities * cells.weights[:, None]
-        of_first = torch.where(first[:, None], claims, 0.0)
-        moments = claimed_moments(mixtures, cells, torch.cat([of_first, claims - of_first], 1))
-        moments = replace(moments, covariances=blurred(moments.covariances, resolution))
+        shares = (torch.where(half, cells.weights, 0.0) for half in (first, ~first))
+        halves = claimed_moments(mixtures, cells, posterior.responsibilities, *shares)
         chosen, own = _members(cells, scored), first[scored]
-        one, other = (mixtures_of(half).log_prob(chosen) for half in moments.split(mixtures.num_slots))
+        one, other = (_blurred(half, resolution).log_prob(chosen) for half in halves)
         scores = torch.where(own, one - other, other - one)
         scores = scores.nan_to_num(0.0)  # half of a scan without mixture: no evidence
-        return cls(chosen.split(scores[grouped_order(scores, chosen.cloud_index)]))
+        return cls(tuple(_ascending(piece) for piece in chosen.split(scores)))
 
     def p_values(self, scores: Tensor) -> Tensor:
         """(1 + held-out cells that score at least as high) / (1 + held-out cells), the conformal p-value (P, K)."""
@@ -73,20 +71,44 @@ def _p_values(null: Tensor, scores: Tensor) -> Tensor:
     return torch.where(scores.isnan(), torch.nan, (1 + len(null) - below) / (1 + len(null)))
 
 
+def _ascending(values: Tensor) -> Tensor:
+    """NumPy's sort, which uses vector instructions."""
+    return torch.from_numpy(np.sort(values.cpu().numpy())).to(values.device)
+
+
+def _blurred(moments: Moments, resolution: Tensor) -> GaussianMixtures:
+    return mixtures_of(replace(moments, covariances=blurred(moments.covariances, resolution)))
+
+
 def _dealt(cells: PointClouds, block: int) -> tuple[Tensor, Tensor]:
     """Which cells are of the first half, and which are scored (N,) each: blocks of neighbours are dealt in turn."""
-    first = torch.zeros(len(cells.points), dtype=torch.bool)
-    scored = torch.zeros(len(cells.points), dtype=torch.bool)
+    first = np.zeros(len(cells.points), dtype=np.bool_)
+    scored = np.zeros(len(cells.points), dtype=np.bool_)
     for start, end in itertools.pairwise(cells.offsets):
-        if end > start:
-            # The leaves of a kd-tree, in its own order: neighbours in space stand together.
-            points = cells.points[start:end].cpu().numpy()
-            tree = cKDTree(points, leafsize=2 * block, compact_nodes=False, balanced_tree=False)
-            order = start + torch.from_numpy(tree.indices)
-            number = torch.arange(end - start) // block
-            first[order] = number % 2 == 0
-            scored[order] = number // 2 % max(1, (end - start) // MOST_SCORED) == 0
-    return first.to(cells.device), scored.to(cells.device)
+        if start == end:
+            continue
+        order = start + np.argsort(_morton_codes(cells.points[start:end].cpu().numpy()))
+        number = np.arange(end - start) // block
+        first[order] = number % 2 == 0
+        scored[order] = number // 2 % -(-(end - start) // MOST_SCORED) == 0
+    return torch.from_numpy(first).to(cells.device), torch.from_numpy(scored).to(cells.device)
+
+
+def _morton_codes(points: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Places of points (n, 3) along a curve on which neighbours in space mostly stand together (n,) (Morton 1966).
+
+    Coordinates as 10-bit integers, whose bits alternate.
+    """
+    columns = np.ascontiguousarray(points.T)  # (3, n)
+    columns = columns - columns.min(axis=1, keepdims=True)
+    codes = (columns * (1023 / (columns.max() or 1.0))).astype(np.int32)
+    for shift, mask in _SPREADING:
+        codes = (codes | codes << shift) & mask
+    return codes[0] | codes[1] << 1 | codes[2] << 2
+
+
+_SPREADING = ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249))
+"""Shifts and masks that put two empty bits between the 10 bits of an integer."""
 
 
 def _members(cells: PointClouds, chosen: Tensor) -> PointClouds:

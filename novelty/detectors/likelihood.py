@@ -119,7 +119,8 @@ class Likelihood(Detector):
         excess = reached + math.log(self.explained_share)
         excess = torch.where(enough, excess, excess.clamp_max(0.0))
         novel = excess > 0
-        claims = _common_claims(cells, current.posterior, explained)  # (P, K, K')
+        slots = reference.mixtures.num_slots
+        claims = _common_claims(cells, groups, mixtures, explained, slots)  # (P, K, K')
         matches, distances = _best_explanations(claims, mixtures, reference.mixtures, novel)
         of_cells = null.p_values_of(scores, cells)
         point_scores = (scores + math.log(self.explained_share))[batch.current.cell_of_point]
@@ -204,12 +205,14 @@ def _count_per_component(groups: Tensor, mixtures: GaussianMixtures) -> Tensor:
     return torch.bincount(groups[groups >= 0], minlength=P * K).reshape(P, K)
 
 
-def _common_claims(cells: PointClouds, one: Posterior, other: Posterior) -> Tensor:
-    """Points that a component of one mixture and one of the other claim both, sum_n w_n r_nk r'_nk' (P, K, K')."""
-    weighted = one.responsibilities.T * cells.weights  # (K, N)
-    sizes = list(cells.sizes)
-    pieces = zip(weighted.split(sizes, dim=1), cells.split(other.responsibilities), strict=True)
-    return torch.stack([mine @ theirs for mine, theirs in pieces])
+def _common_claims(
+    cells: PointClouds, groups: Tensor, mixtures: GaussianMixtures, explained: Posterior, slots: int
+) -> Tensor:
+    """Points that a component of one mixture and one of the other claim both (P, K, K'), `slots` being K'."""
+    P, K = mixtures.weights.shape
+    both = (groups >= 0) & (explained.components >= 0)
+    place = groups[both] * slots + explained.components[both]
+    return torch.bincount(place, cells.weights[both], minlength=P * K * slots).reshape(P, K, slots)
 
 
 def _best_explanations(

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from gmmtorch import GaussianMixtures, PointClouds
 from gmmtorch.components import Components
+from gmmtorch.linalg import num_lifted, triangle, unpack_symmetric
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,43 +30,54 @@ class Moments:
         """These moments with the counts of all other groups 0; `chosen` bool (P, K)."""
         return Moments(torch.where(chosen, self.counts, 0.0), self.means, self.covariances)
 
-    def split(self, size: int) -> tuple[Moments, Moments]:
-        """The first `size` groups, and the others."""
-        fields = (self.counts, self.means, self.covariances)
-        return Moments(*(values[:, :size] for values in fields)), Moments(
-            *(values[:, size:] for values in fields)
-        )
-
 
 def moments_of(mixtures: GaussianMixtures, points: Tensor) -> Moments:
     """Mixtures of that many points, (P,)."""
     return Moments(mixtures.weights * points[:, None], mixtures.means, mixtures.covariances)
 
 
-def claimed_moments(mixtures: GaussianMixtures, cells: PointClouds, claims: Tensor) -> Moments:
+def claimed_moments(
+    mixtures: GaussianMixtures, cells: PointClouds, responsibilities: Tensor, *points: Tensor
+) -> tuple[Moments, ...]:
     """Moments of what each component claims of its scan's cells; those of nothing are 0 and I.
 
     Args:
         mixtures: P mixtures, which tell where the scans lie: maps are far from zero.
         cells: P clouds of cells.
-        claims: points of every cell that each component claims (N, K).
+        responsibilities: of the components for every cell (N, K).
+        points: how many points of every cell are counted, (N,) for each moments asked for.
     """
-    spreads = cells.spreads
-    if spreads is None:
-        spreads = cells.points.new_zeros(len(cells.points), cells.dim, cells.dim)
     origin = (mixtures.weights[..., None] * mixtures.means).sum(1)  # (P, 3)
+    features = _features(cells, origin)  # (N, 10)
+    counted = torch.stack(points, 1)[..., None] * features[:, None, :]  # (N, S, 10)
+    pieces = zip(cells.split(responsibilities), cells.split(counted.flatten(1)), strict=True)
+    sums = torch.stack([claims.T @ values for claims, values in pieces])  # (P, K, S * 10)
+    return tuple(_moments(part, origin) for part in sums.unflatten(2, (len(points), -1)).unbind(2))
+
+
+def _features(cells: PointClouds, origin: Tensor) -> Tensor:
+    """1, x and the upper triangle of x x^T + Q of every cell, x from the origin of its scan (N, 10)."""
     offsets = cells.points - origin[cells.cloud_index]
-    squares = (offsets[:, :, None] * offsets[:, None, :] + spreads).flatten(1)  # (N, 9)
-    pieces = cells.split(claims)
-    counts = torch.stack([piece.sum(0) for piece in pieces])
-    held = counts.clamp_min(torch.finfo(counts.dtype).tiny)[..., None]
-    first, second = (
-        torch.stack([piece.T @ part for piece, part in zip(pieces, cells.split(values), strict=True)]) / held
-        for values in (offsets, squares)
-    )
-    covariances = second.unflatten(2, (cells.dim, cells.dim)) - first[..., :, None] * first[..., None, :]
+    features = offsets.new_empty(num_lifted(cells.dim), len(offsets))  # features on the rows: fast to fill
+    features[0] = 1.0
+    features[1 : cells.dim + 1] = offsets.T
+    rows, columns = triangle(cells.dim)
+    for row, a, b in zip(features[cells.dim + 1 :], rows, columns, strict=True):
+        torch.mul(offsets[:, a], offsets[:, b], out=row)
+        if cells.spreads is not None:
+            row += cells.spreads[:, a, b]
+    return features.T
+
+
+def _moments(sums: Tensor, origin: Tensor) -> Moments:
+    """From the sums of the features (P, K, 10)."""
+    dim = origin.shape[-1]
+    counts = sums[..., 0]
+    averages = sums[..., 1:] / counts.clamp_min(torch.finfo(counts.dtype).tiny)[..., None]
+    first, second = averages[..., :dim], unpack_symmetric(averages[..., dim:], dim)
     present = (counts > 0)[..., None]
-    identity = torch.eye(cells.dim, dtype=counts.dtype, device=counts.device)
+    identity = torch.eye(dim, dtype=counts.dtype, device=counts.device)
+    covariances = second - first[..., :, None] * first[..., None, :]
     return Moments(
         counts=counts,
         means=torch.where(present, first + origin[:, None], 0.0),
