@@ -143,11 +143,13 @@ def _change(row: int, scan: Scan, side: _Side, metres: float) -> Change:
     states = scatter(side.points.states, int(PointState.NOT_EXAMINED))
     point_components = scatter(side.points.components, -1)
     point_scores = scatter(side.points.scores, np.nan)
+    point_p_values = scatter(_point_p_values(side), np.nan)
     components = _component_records(row, side, metres)
     point_objects = number_objects(scatter(side.groups, -1))
     return Change(
         point_labels=(states == PointState.NOVEL) | (states == PointState.MOVED),
         point_scores=point_scores,
+        point_p_values=point_p_values,
         point_states=states,
         point_components=point_components,
         point_objects=point_objects,
@@ -157,11 +159,22 @@ def _change(row: int, scan: Scan, side: _Side, metres: float) -> Change:
             point_objects,
             point_components,
             point_scores,
+            point_p_values,
             components,
             side.points.overlaps[row].numpy(),
             side.kind,
         ),
     )
+
+
+def _point_p_values(side: _Side) -> torch.Tensor:
+    """P-values of the packed points (N,): their own, those of their components, or NaN."""
+    novelty = side.novelty
+    if isinstance(novelty, PointNovelty) or novelty.p_values is None:
+        return torch.full_like(side.points.scores, torch.nan)
+    if novelty.point_p_values is not None:
+        return novelty.point_p_values
+    return novelty.p_values[side.scans.points.cloud_index, side.points.components]
 
 
 def _component_records(row: int, side: _Side, metres: float) -> tuple[ComponentRecord, ...]:

@@ -75,7 +75,8 @@ class ObjectRecord:
         rotation: (3, 3), the columns are the box's axes.
         center: (3,) centre of the box.
         score: Highest score of its components; the median of its points' scores where there are no components.
-        p_value: Least p-value of its components times their number (Bonferroni), NaN where the detector has none.
+        p_value: Twice the median of its points' p-values, 1 at most: valid however these depend on each other
+            (Rueger 1978). NaN where the detector has none.
         counterpart: The same thing in the other scan, a place in the other `Change.objects`; -1 unless moved.
         motion: (4, 4) from its place in the reference scan to its place in the current one, both in the frame of the
             reference scan (the poses as registration left them); None unless moved.
@@ -105,6 +106,9 @@ class Change:
     Attributes:
         point_labels: bool (N,), True for the states NOVEL and MOVED.
         point_scores: float64 (N,), higher = more novel; NaN where not examined.
+        point_p_values: float64 (N,), probability of a score at least as high without any change; of a detector that
+            judges components alone, that of the point's component. NaN where not examined, or where the detector has
+            no null distribution.
         point_states: uint8 (N,), see `PointState`.
         point_components: int64 (N,), most probable component, -1 where not examined or judged without components.
         point_objects: int64 (N,), object that each point belongs to, -1 for points that are not novel.
@@ -114,6 +118,7 @@ class Change:
 
     point_labels: NDArray[np.bool_]
     point_scores: NDArray[np.float64]
+    point_p_values: NDArray[np.float64]
     point_states: NDArray[np.uint8]
     point_components: NDArray[np.int64]
     point_objects: NDArray[np.int64]
@@ -126,6 +131,7 @@ class Change:
         return cls(
             point_labels=np.zeros(num_points, dtype=bool),
             point_scores=np.full(num_points, np.nan),
+            point_p_values=np.full(num_points, np.nan),
             point_states=np.full(num_points, PointState.NOT_EXAMINED, dtype=np.uint8),
             point_components=np.full(num_points, -1, dtype=np.int64),
             point_objects=np.full(num_points, -1, dtype=np.int64),

@@ -62,10 +62,10 @@ def _features(cells: PointClouds, origin: Tensor) -> Tensor:
     features[0] = 1.0
     features[1 : cells.dim + 1] = offsets.T
     rows, columns = triangle(cells.dim)
-    for row, a, b in zip(features[cells.dim + 1 :], rows, columns, strict=True):
-        torch.mul(offsets[:, a], offsets[:, b], out=row)
+    for square, a, b in zip(features[cells.dim + 1 :], rows, columns, strict=True):
+        torch.mul(offsets[:, a], offsets[:, b], out=square)
         if cells.spreads is not None:
-            row += cells.spreads[:, a, b]
+            square.add_(cells.spreads[:, a, b])
     return features.T
 
 

@@ -30,6 +30,7 @@ def describe_objects(
     point_objects: NDArray[np.int64],
     point_components: NDArray[np.int64],
     point_scores: NDArray[np.float64],
+    point_p_values: NDArray[np.float64],
     components: Sequence[ComponentRecord],
     overlaps: NDArray[np.float64],
     kind: str,
@@ -41,6 +42,7 @@ def describe_objects(
         point_objects: (N,) object of every point, -1 where it is not novel; see `number_objects`.
         point_components: (N,) component of every point, -1 without one.
         point_scores: (N,) score of every point, NaN where not examined.
+        point_p_values: (N,) p-value of every point, NaN where there is none.
         components: Every component of the scan's mixture.
         overlaps: (K, K) shared responsibilities, see `SegmentedPoints.overlaps`.
         kind: `added` or `removed`.
@@ -52,6 +54,7 @@ def describe_objects(
             index,
             points[member],
             float(np.median(point_scores[member])),
+            float(np.median(point_p_values[member])),
             owners[index],
             components,
             _neighbours(index, owners, overlaps),
@@ -80,6 +83,7 @@ def _record(
     index: int,
     points: NDArray[np.float64],
     score: float,
+    median_p_value: float,
     group: NDArray[np.int64],
     components: Sequence[ComponentRecord],
     neighbours: tuple[int, ...],
@@ -87,7 +91,6 @@ def _record(
 ) -> ObjectRecord:
     box = OrientedBox.around(points)
     own = [record for record in components if record.index in group]
-    p_values = [record.p_value for record in own if not np.isnan(record.p_value)]
     return ObjectRecord(
         index=index,
         kind=kind,
@@ -99,5 +102,5 @@ def _record(
         rotation=box.rotation,
         center=box.center,
         score=max((record.score for record in own), default=score),
-        p_value=min(1.0, len(p_values) * min(p_values)) if p_values else float("nan"),
+        p_value=float(np.minimum(1.0, 2 * median_p_value)),
     )

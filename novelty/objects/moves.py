@@ -26,8 +26,11 @@ from novelty.visibility.rays import Rays, Sight, joint_sights
 
 Array = NDArray[np.float64]
 
-LEAST_AGREEMENT = 0.8
+LEAST_AGREEMENT = 0.75
 """Agreement above which two objects are one that was moved."""
+
+AS_GOOD = 0.03
+"""Motions whose agreement is this near the best are equally good: of these, the one that turns least is told."""
 
 LEAST_SIZE_RATIO = 0.8
 """The longest edges of the two boxes may differ by this factor: one side of a thing may hide a part of it."""
@@ -137,15 +140,16 @@ def _lengths(things: Things) -> dict[int, float]:
 
 
 def _best_move(pair: tuple[int, int], removed: Things, added: Things, resolution: float, up: Array) -> Move:
-    """The motion of the highest agreement."""
+    """The motion of the highest agreement; a symmetric thing has several, and of these the one that turns least."""
     before = _View.of(removed.points[pair[0]], removed.stations, resolution)
     after = _View.of(added.points[pair[1]], added.stations, resolution)
     overlays = _overlays(before.sample, after.sample, max(before.tolerance, after.tolerance), up)
     motions = np.tile(np.eye(4), (len(overlays.shifts), 1, 1))
     motions[:, :3, :3], motions[:, :3, 3] = overlays.rotations.numpy(), overlays.shifts.numpy()
-    agreements = [_agreement(motion, before, after, resolution) for motion in motions]
-    best = int(np.argmax(agreements))
-    return Move(*pair, motion=motions[best], agreement=agreements[best])
+    agreements = np.array([_agreement(motion, before, after, resolution) for motion in motions])
+    cosines = np.trace(motions[:, :3, :3], axis1=1, axis2=2)  # 1 + 2 cos of the turn
+    best = int(np.argmax(np.where(agreements >= agreements.max() - AS_GOOD, cosines, -np.inf)))
+    return Move(*pair, motion=motions[best], agreement=float(agreements[best]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,12 +206,13 @@ def _overlays(source: Array, target: Array, tolerance: float, up: Array) -> Over
         torch.from_numpy(shifts),
         2 * tolerance,
         COARSE_STEPS,
-    ).best(KEPT_STARTS, 1.5 * tolerance)
+    )
+    kept = first.best(KEPT_STARTS, 1.5 * tolerance)
     return overlay(
         torch.from_numpy(source),
         torch.from_numpy(target),
-        first.rotations,
-        first.shifts,
+        torch.cat([first.rotations[:1], kept.rotations]),  # the first start does not turn
+        torch.cat([first.shifts[:1], kept.shifts]),
         2 * tolerance,
         FINE_STEPS,
     )

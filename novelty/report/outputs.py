@@ -67,7 +67,8 @@ def write_labelled_scan(path: str | Path, scan: Scan, change: Change) -> None:
     """Write a scan with what became of each point.
 
     Per vertex: `novelty` (uint8, 0 or 1), `state` (uint8, see `PointState`), `score` (float, NaN where not
-    examined), `component` (int, -1 none), and the ground truth `label` where the scan has it.
+    examined), `component` (int, -1 none), `p_value` (float) where the detector has p-values, and the ground truth
+    `label` where the scan has it.
     """
     properties: dict[str, NDArray[Any]] = {
         "novelty": change.point_labels.astype(np.uint8),
@@ -75,6 +76,8 @@ def write_labelled_scan(path: str | Path, scan: Scan, change: Change) -> None:
         "score": change.point_scores.astype(np.float32),
         "component": change.point_components.astype(np.int32),
     }
+    if np.isfinite(change.point_p_values).any():
+        properties["p_value"] = change.point_p_values.astype(np.float32)
     if scan.labels is not None:
         properties["label"] = scan.labels
     write_ply(path, scan.points, **properties)

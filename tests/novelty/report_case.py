@@ -86,6 +86,7 @@ def _change(scan, kind, changed):
     return Change(
         point_labels=novel,
         point_scores=np.where(finite, novel * 4.0, np.nan),
+        point_p_values=np.full(scan.num_points, np.nan),
         point_states=states,
         point_components=component.astype(np.int64),
         point_objects=np.where(novel, 0, -1),

@@ -73,19 +73,21 @@ def test_objects_are_numbered_by_size():
     assert number_objects(np.full(3, -1)).tolist() == [-1, -1, -1]
 
 
-def described(overlap=0.0, p_values=(0.01, 0.5, np.nan), components=True):
+def described(overlap=0.0, p_values=(0.01, 0.6, np.nan), components=True):
     """Three objects on a line; component k is object k's own, and component 0 also has a point of object 1."""
     points = np.repeat(np.arange(12.0)[:, None], 3, axis=1)
     objects = np.repeat([0, 1, 2], 4)
     owner = objects.copy() if components else np.full(12, -1)
     records = [
-        ComponentRecord(k, 0.3, np.zeros(3), np.eye(3), 4, True, float(k), p_values[k], -1, np.nan, "")
+        ComponentRecord(k, 0.3, np.zeros(3), np.eye(3), 4, True, float(k), np.nan, -1, np.nan, "")
         for k in range(3)
     ]
     overlaps = np.eye(3)
     overlaps[0, 1] = overlaps[1, 0] = overlap
     scores = np.arange(12.0)
-    return describe_objects(points, objects, owner, scores, records if components else [], overlaps, "added")
+    of_points = np.repeat(p_values, 4)
+    known = records if components else []
+    return describe_objects(points, objects, owner, scores, of_points, known, overlaps, "added")
 
 
 def test_neighbours_share_responsibilities():
@@ -93,8 +95,8 @@ def test_neighbours_share_responsibilities():
     assert [record.neighbours for record in described(overlap=0.0)] == [(), (), ()]
 
 
-def test_p_value_of_an_object_comes_from_its_components():
-    assert [record.p_value for record in described()[:2]] == [0.01, 0.5]
+def test_p_value_of_an_object_is_twice_the_median_of_its_points():
+    assert [record.p_value for record in described()[:2]] == [0.02, 1.0]
     assert np.isnan(described()[2].p_value)
 
 
@@ -123,6 +125,15 @@ def test_a_moved_object_is_found_with_its_motion(rng):
     (move,) = find_moves(Things((before,), ()), Things((after,), ()), 0.01, UP)
     assert (move.removed, move.added) == (0, 0)
     np.testing.assert_allclose(move.motion, motion, atol=0.05)
+
+
+def test_a_symmetric_thing_is_said_to_turn_as_little_as_explains_it(rng):
+    faces = [(axis, side) for axis in range(3) for side in (-1, 1)]
+    before = carton(rng, (0.9, 0.3, 0.5), faces, 150)
+    motion = turned_and_shifted(170, (2.0, -1.0, 0.0))
+    after = carton(rng, (0.9, 0.3, 0.5), faces, 150) @ motion[:3, :3].T + motion[:3, 3]
+    (move,) = find_moves(Things((before,), ()), Things((after,), ()), 0.01, UP)
+    assert np.degrees(Rotation.from_matrix(move.motion[:3, :3]).magnitude()) < 15
 
 
 def test_objects_of_other_shape_are_not_moved(rng):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import novelty
-from novelty import Config, ResultStatus, Scan, ScanPair
+from novelty import Config, PointState, ResultStatus, Scan, ScanPair
 from novelty.config import detector_names
+from novelty.report.outputs import write_labelled_scan
 from novelty.simulation import corridor_pair, room_pair
 from novelty.simulation.pairs import simulate_pair
 
@@ -112,6 +113,17 @@ def test_far_from_the_origin_and_in_millimetres_the_labels_are_the_same(room):
     for result in (far, in_millimetres):
         for mine, other in ((result.added, expected.added), (result.removed, expected.removed)):
             assert (mine.point_states != other.point_states).mean() < 1e-3
+
+
+@pytest.mark.parametrize("detector", ["likelihood", "joint_mixture"])
+def test_every_examined_point_has_a_p_value_and_new_things_small_ones(room, tmp_path, detector):
+    added = novelty.detect(room, Config(detector=detector)).added
+    examined = added.point_states != PointState.NOT_EXAMINED
+    assert np.isnan(added.point_p_values[~examined]).all()
+    assert ((added.point_p_values[examined] > 0) & (added.point_p_values[examined] <= 1)).all()
+    assert added.objects[0].p_value < 0.1 < np.median(added.point_p_values[examined])
+    write_labelled_scan(tmp_path / "room.ply", room.current, added)
+    assert b"property float p_value" in (tmp_path / "room.ply").read_bytes()[:1000]
 
 
 def test_records_are_in_the_unit_and_frame_of_the_scan_as_given(room):
