@@ -180,11 +180,18 @@ def _thinned(points: Array, most: int) -> Array:
     low, high = 0.0, float(offsets.max())
     for _ in range(10):
         middle = (low + high) / 2
-        if len(np.unique(np.floor(offsets / middle), axis=0)) > most:
+        if len(np.unique(_cubes(offsets, middle))) > most:
             low = middle
         else:
             high = middle
-    return points[np.sort(np.unique(np.floor(offsets / high), axis=0, return_index=True)[1])]
+    return points[np.sort(np.unique(_cubes(offsets, high), return_index=True)[1])]
+
+
+def _cubes(offsets: Array, side: float) -> NDArray[np.int64]:
+    """Number of the cube of this side that holds each point (N,); offsets (N, 3) are not negative."""
+    cells = np.floor(offsets / side).astype(np.int64)
+    _, rows, columns = cells.max(axis=0) + 1
+    return (cells[:, 0] * rows + cells[:, 1]) * columns + cells[:, 2]
 
 
 def _tolerance(points: Array, resolution: float) -> float:
