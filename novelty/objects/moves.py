@@ -26,7 +26,7 @@ from novelty.visibility.rays import Rays, Sight, joint_sights
 
 Array = NDArray[np.float64]
 
-LEAST_AGREEMENT = 0.75
+LEAST_AGREEMENT = 0.8
 """Agreement above which two objects are one that was moved."""
 
 AS_GOOD = 0.03
