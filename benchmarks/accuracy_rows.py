@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import logging
 import math
 import multiprocessing
 import time
@@ -31,6 +32,8 @@ from novelty.result import Change, ResultStatus
 from novelty.scan import CHANGED, Scan
 from novelty.sweep.compute import Prepared, compute
 from novelty.sweep.settings import Setting
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,8 @@ def _score_batch(cases: list[Case], variants: Sequence[Variant]) -> list[Row]:
     settings = [Setting(i, variant.config, {}, 0) for i, variant in enumerate(variants)]
     try:
         outcomes = list(compute(Prepared.of(pairs, settings, None), None))
-    except Exception:
+    except Exception as error:
+        _log.warning("a batch is scored pair by pair: %s: %s", type(error).__name__, error)
         results = [(i, detect_many(pairs, variant.config)) for i, variant in enumerate(variants)]
         return [row_of(c, variants[i].name, r) for i, rs in results for c, r in zip(cases, rs, strict=True)]
     outcomes.sort(key=lambda outcome: (outcome.setting.index, outcome.place))

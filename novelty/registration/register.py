@@ -48,13 +48,15 @@ def register(batch: PreparedPairs, settings: Registration) -> Registrations:
         return _kept(given, measure(matcher, before))
     aligned = (align if settings.method == "mixture" else align_gicp)(matcher, settings.max_iterations)
     after = matcher.match(aligned.motions)
-    refined = measure(matcher, after)
+    unrefined, refined = measure(matcher, before), measure(matcher, after)
     gain = cost(matcher, before, refined.scale) - cost(matcher, after, refined.scale)
-    status = _judge(matcher, aligned, refined, gain, settings.min_overlap)
+    # A better pose brings surfaces closer; one that finds more of them no closer has slid to others.
+    better = (gain >= SIGNIFICANT) & (refined.scale < unrefined.scale)
+    status = _judge(matcher, aligned, refined, better, settings.min_overlap)
     accepted = torch.tensor([not RegistrationStatus(code).kept_given_pose for code in status.tolist()])
     motions = aligned.motions.where(accepted, given)
     # What a detector is told is true of the pose that is used.
-    final = refined.where(accepted, measure(matcher, before))
+    final = refined.where(accepted, unrefined)
     return Registrations(
         transforms=motions.about(centres).matrices(),
         residual=final.residual,
@@ -77,14 +79,14 @@ def _cells(scans: PreparedScans) -> PointClouds:
 
 
 def _judge(
-    matcher: Matcher, aligned: Alignment, refined: Quality, gain: torch.Tensor, min_overlap: float
+    matcher: Matcher, aligned: Alignment, refined: Quality, better: torch.Tensor, min_overlap: float
 ) -> torch.Tensor:
     """Status of every pair, int64 (P,); where several hold, the last of the list."""
     sizes = torch.minimum(torch.tensor(matcher.current.sizes), torch.tensor(matcher.reference.sizes))
     status = torch.full_like(sizes, RegistrationStatus.OK)
     for condition, code in (
         (refined.observable < DEGREES_OF_FREEDOM, RegistrationStatus.UNOBSERVABLE),
-        (~(gain >= SIGNIFICANT), RegistrationStatus.NO_BETTER),
+        (~better, RegistrationStatus.NO_BETTER),
         (~aligned.converged, RegistrationStatus.NOT_CONVERGED),
         (~(refined.overlap >= min_overlap), RegistrationStatus.LOW_OVERLAP),
         (sizes < MIN_SURFELS, RegistrationStatus.TOO_FEW_CELLS),

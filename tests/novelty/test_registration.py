@@ -5,10 +5,13 @@ import pytest
 import torch
 
 from gmmtorch import PointClouds
+from novelty.preprocess import Preprocess, prepare_pairs
 from novelty.preprocess.prepared import PreparedPairs, PreparedScans
 from novelty.preprocess.simplify import Scale, simplify
 from novelty.registration import Registration, Registrations, RegistrationStatus, register
 from novelty.registration.motion import cross_matrices, rotations_of
+from novelty.scan import ScanPair
+from novelty.simulation.pairs import simulate_pair
 from novelty.simulation.poses import random_motion, rotation, transform
 
 NOISE = 0.008
@@ -176,6 +179,15 @@ def test_a_corridor_is_not_moved_along_its_axis():
     assert found.observable[0] == 5
     assert "5 of 6" in found.note(0)
     np.testing.assert_allclose(found.transforms[0, :3, 3], [0.0, -0.04, 0.03], atol=0.004)
+
+
+def test_more_counterparts_that_are_no_closer_are_no_better_pose():
+    """A corridor seen from 1.5 m aside, mostly by one scan each: another place of it would match more surface."""
+    scans = simulate_pair("corridor", 2, (), noise=0.01, viewpoint_shift=1.5, density=0.25).scans
+    batch = prepare_pairs([ScanPair(scans.reference, scans.current)], Preprocess(), "m")
+    found = register(batch, Registration())
+    assert found.status_of(0) is RegistrationStatus.NO_BETTER
+    assert torch.equal(found.transforms[0], torch.eye(4).double())
 
 
 def test_a_plane_is_moved_across_only():
