@@ -126,7 +126,7 @@ def mdl_figure(result: NoveltyResult) -> Figure | None:
         path = result.details.get(scan, {}).get("mdl_path", [])
         values = np.asarray(path, dtype=np.float64)
         orders = np.flatnonzero(np.isfinite(values))
-        if not len(orders):
+        if len(orders) < 2:  # a fit that begins with the other scan's has its order from there
             continue
         best = orders[np.argmin(values[orders])]
         traces += [

@@ -134,6 +134,8 @@ def test_mdl_figure_marks_the_least_value_and_skips_orders_never_reached(case):
 
 def test_mdl_figure_is_absent_without_a_search(case):
     assert mdl_figure(replace(case[1], details={})) is None
+    one = {scan: {"mdl_path": [np.nan, 7.0]} for scan in ("reference", "current")}
+    assert mdl_figure(replace(case[1], details=one)) is None
 
 
 def test_object_table_has_a_p_value_column_only_where_a_detector_gives_p_values(case):
