@@ -83,7 +83,9 @@ def _by_cell(change: Change, cell: NDArray[np.int64]) -> Change:
         point_labels=(states == PointState.NOVEL) | (states == PointState.MOVED),
         point_states=states,
         point_scores=np.bincount(cell, change.point_scores) / size,
+        point_p_values=np.bincount(cell, change.point_p_values) / size,
         point_components=most_common(change.point_components, cell),
+        point_objects=most_common(change.point_objects, cell),
     )
 
 
