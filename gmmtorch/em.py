@@ -29,13 +29,11 @@ from gmmtorch.statistics import Statistics, expectation, log_likelihood
 
 __all__ = ["EMResult", "EMState", "final_status", "fit_em", "maximization", "run_em"]
 
-_ROUND_OFF = (
-    4.0 * torch.finfo(torch.float64).eps
-)  # of the trace: what the moments themselves are uncertain by
+ROUND_OFF = 4.0 * torch.finfo(torch.float64).eps  # of the trace: what the moments themselves are uncertain by
 _REPACK_BELOW = 0.7  # share of the tiles still running, below which the others are left out
 _LOOK_EVERY = 4  # iterations between looks at convergence on a device, where a look is a synchronisation
-_LONGEST_STEP = 8.0  # of over-relaxed EM; it is rarely reached, and 4 or 20 do as well
-_LEAST_SHARE = 0.5  # of a component's points that a longer step has to leave it
+LONGEST_STEP = 8.0  # of over-relaxed EM; it is rarely reached, and 4 or 20 do as well
+LEAST_SHARE = 0.5  # of a component's points that a longer step has to leave it
 _AT_FLOOR = 0.5  # of a standard deviation squared that comes from the floor
 
 
@@ -260,7 +258,7 @@ def em_step(workload: Workload, state: EMState, statistics: Statistics) -> tuple
         gain=gain,
         num_iterations=state.num_iterations + running,
         converged=state.converged | (small & plain),
-        step=torch.where(small, 1.0, (state.step * workload.relaxation).clamp_max(_LONGEST_STEP)),
+        step=torch.where(small, 1.0, (state.step * workload.relaxation).clamp_max(LONGEST_STEP)),
     )
     if workload.relaxation <= 1.0:
         return proposed, valued
@@ -295,7 +293,7 @@ def extrapolate(statistics: Statistics, previous: Components, workload: Workload
         second=torch.lerp(before[..., None, None] * spread, statistics.second, length[..., None, None]),
     )
     covariances = longer.covariances() + workload.added[:, None, None, None] * identity
-    possible = (longer.counts > _LEAST_SHARE * statistics.counts) & linalg.is_positive(covariances)
+    possible = (longer.counts > LEAST_SHARE * statistics.counts) & linalg.is_positive(covariances)
     allowed = (step > 1.0) & (possible | (previous.weights == 0)).all(1)
     return longer.where(allowed, statistics)
 
@@ -313,7 +311,7 @@ def maximization(statistics: Statistics, previous: Components, workload: Workloa
     covariances = statistics.covariances()
     trace = covariances.diagonal(dim1=-2, dim2=-1).sum(-1)  # (B, K)
     identity = torch.eye(shift.shape[-1], dtype=shift.dtype, device=shift.device)
-    covariances = covariances + (workload.added[:, None] + _ROUND_OFF * trace)[..., None, None] * identity
+    covariances = covariances + (workload.added[:, None] + ROUND_OFF * trace)[..., None, None] * identity
     factors, positive = linalg.safe_cholesky(covariances)
     usable = (positive & (counts > 0))[..., None, None]
     total = counts.sum(1, keepdim=True)

@@ -30,7 +30,7 @@ __all__ = ["Statistics", "expectation", "log_likelihood", "total_covariance"]
 
 _CHUNK_BYTES = 1 << 21  # of logits that pass at once: they stay in the second-level caches
 _CUDA_CHUNK_BYTES = 1 << 28
-_LARGEST_SLACK = 60.0  # of a start that is thinner than the floor: exp stays finite
+LARGEST_SLACK = 60.0  # of a start that is thinner than the floor: exp stays finite
 _CLAMP = -60.0  # exp of much less gives denormal numbers, which are 10 times slower; e^-60 = 1e-26
 
 
@@ -89,7 +89,7 @@ def expectation(tiles: Tiles, components: Components, floor: Tensor) -> Statisti
     slack = 0.5 * floor[:, None].square() * precisions.diagonal(dim1=-2, dim2=-1).sum(-1)  # (B, K)
     slack = torch.where(components.weights > 0, slack, 0.0)
     # The factors that take the floor's share of the exponent back.
-    bare = slack.clamp_max(_LARGEST_SLACK).exp().to(tiles.dtype)
+    bare = slack.clamp_max(LARGEST_SLACK).exp().to(tiles.dtype)
     log_scales = components.log_scales - slack
     moments, values = _by_tensor_operations(tiles, log_scales, bare, precisions, components.means)
     totals = _sum_over_tiles(values, tiles)  # (B, 2)

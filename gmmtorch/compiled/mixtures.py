@@ -13,19 +13,15 @@ import numpy as np
 from numba import njit
 
 from gmmtorch.compiled.points import EXTRA, MEAN, SCALE, SLACK
+from gmmtorch.components import ABSENT
+from gmmtorch.em import LEAST_SHARE, LONGEST_STEP, ROUND_OFF
+from gmmtorch.statistics import LARGEST_SLACK
 
 __all__ = ["accept", "cholesky", "collect", "describe", "maximize"]
 
 Array = np.ndarray
 
 _LOG_2_PI = math.log(2.0 * math.pi)
-_ABSENT = -1e30  # the log-weight of a component that is not there
-_LARGEST_SLACK = 60.0  # of a start that is thinner than the floor: exp stays finite
-_ROUND_OFF = 4.0 * float(
-    np.finfo(np.float64).eps
-)  # of the trace: what the moments themselves are uncertain by
-_LEAST_SHARE = 0.5  # of a component's points that a longer step has to leave it
-_LONGEST_STEP = 8.0
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
@@ -57,7 +53,7 @@ def describe(clouds: Array, weights: Array, means: Array, factors: Array, floor:
     inverse = np.zeros((dim, dim))
     for b in clouds:
         for k in range(num_components):
-            log_scale = math.log(weights[b, k]) if weights[b, k] > 0.0 else _ABSENT
+            log_scale = math.log(weights[b, k]) if weights[b, k] > 0.0 else ABSENT
             log_scale -= 0.5 * dim * _LOG_2_PI
             row, trace = MEAN + dim, 0.0
             for i in range(dim):
@@ -80,7 +76,7 @@ def describe(clouds: Array, weights: Array, means: Array, factors: Array, floor:
                     row += 1
             slack = 0.5 * floor[b] * floor[b] * trace if weights[b, k] > 0.0 else 0.0
             form[b, SCALE, k] = log_scale - slack
-            form[b, SLACK, k] = min(slack, _LARGEST_SLACK)
+            form[b, SLACK, k] = min(slack, LARGEST_SLACK)
             form[b, EXTRA, k] = math.exp(form[b, SLACK, k])
 
 
@@ -158,7 +154,7 @@ def _lengthen(
                 target[k, place] = spread + step * (statistics[b, k, place] - spread)
                 place += 1
         if weights[b, k] > 0.0:
-            if not target[k, 0] > _LEAST_SHARE * statistics[b, k, 0]:
+            if not target[k, 0] > LEAST_SHARE * statistics[b, k, 0]:
                 return False
             _covariance(target, k, added, 0.0, trial, first, first)
             if not cholesky(trial, first, first, factor):
@@ -211,7 +207,7 @@ def maximize(
             new_weights[b, k] = target[k, 0] if usable else 0.0
             kept += new_weights[b, k]
             if usable:
-                _covariance(target, k, added[b], _ROUND_OFF, new_covariances, b, k)
+                _covariance(target, k, added[b], ROUND_OFF, new_covariances, b, k)
                 usable = cholesky(new_covariances, b, k, factor)
             for i in range(dim):
                 new_means[b, k, i] = means[b, k, i] + (target[k, 1 + i] / target[k, 0] if usable else 0.0)
@@ -244,7 +240,7 @@ def accept(
             continue
         small = won <= tolerance[b]
         converged[b] |= small and plain
-        step[b] = 1.0 if small else min(step[b] * relaxation, _LONGEST_STEP)
+        step[b] = 1.0 if small else min(step[b] * relaxation, LONGEST_STEP)
         gain[b] = won
         totals[b, 0], totals[b, 1] = new_totals[b, 0], new_totals[b, 1]
         for k in range(num_components):
