@@ -30,8 +30,10 @@ class Preprocess:
         default=None,
         description="Greatest coordinate along `up`, in the frame of the scan, m; null: no limit.",
     )
-    outliers: Literal["statistical", "none"] = Field(
-        default="statistical", description="How sparse outliers are taken out (Rusu et al. 2008)."
+    outliers: Literal["local", "statistical", "none"] = Field(
+        default="local",
+        description="How sparse outliers are taken out. local: points farther from their neighbours than these are from "
+        "theirs; statistical: farther than is usual in the whole scan (Rusu et al. 2008), which costs far surfaces.",
     )
     outlier_neighbors: int = Field(
         default=20, ge=2, description="Neighbours whose mean distance is looked at."
@@ -39,7 +41,12 @@ class Preprocess:
     outlier_std_ratio: float = Field(
         default=2.0,
         gt=0,
-        description="A point is an outlier beyond mean + ratio * standard deviation of that distance.",
+        description="statistical: a point is an outlier beyond mean + ratio * standard deviation of that distance.",
+    )
+    outlier_ratio: float = Field(
+        default=2.0,
+        ge=1,
+        description="local: a point is an outlier when that distance is this many times the median of its neighbours'.",
     )
     ground: Literal["ransac", "none"] = Field(
         default="ransac", description="How the ground plane is taken out (Lai & Fox 2009)."

@@ -20,6 +20,9 @@ from novelty.refinement.surface import own_quantile, surface_distances
 from novelty.section import section
 from novelty.segment import SegmentedPoints, states_of
 
+ROUGHNESS_AT = 0.95
+"""Quantile at which a scan's own distances from its surfaces are compared with those of Gaussian noise."""
+
 
 @section
 class Refine:
@@ -103,10 +106,12 @@ def refine(
 def _threshold(scans: PreparedScans, resolution: torch.Tensor, settings: Refine) -> torch.Tensor:
     """Squared distance that unchanged points exceed with probability `false_alarm` (B,).
 
-    The quantile of chi-squared for Gaussian noise, or the scan's own where its surfaces are rougher than that.
+    The quantile of chi-squared for Gaussian noise, stretched where the scan's own surfaces are rougher than that. How
+    much rougher is read off a quantile that a few stray returns do not move.
     """
-    own = own_quantile(scans.points, scans.cell_of_point, resolution, 1 - settings.false_alarm)
-    return own.nan_to_num(0.0).clamp_min(float(chdtri(3, settings.false_alarm)))
+    own = own_quantile(scans.points, scans.cell_of_point, resolution, ROUGHNESS_AT)
+    rougher = (own / float(chdtri(3, 1 - ROUGHNESS_AT))).nan_to_num(1.0).clamp_min(1.0)
+    return rougher * float(chdtri(3, settings.false_alarm))
 
 
 def _share_off(off: torch.Tensor, segmented: SegmentedPoints, scans: PreparedScans) -> torch.Tensor:

@@ -19,6 +19,9 @@ NEIGHBOURS = 8
 CALIBRATION = 20_000
 """Points of a scan whose own distances are looked at."""
 
+STRAY = 3.0
+"""A cell is a handful of stray returns when its points are this many times farther apart than those around it."""
+
 SMALLEST = 1e-12
 """Least variance as a share of the scan's, far above rounding and far below any sensor's noise."""
 
@@ -45,6 +48,7 @@ def surface_distances(points: PointClouds, cells: PointClouds, resolution: torch
         points.split(points.points),
         cells.split(cells.points),
         cells.split(spreads),
+        cells.split(cells.weights),
         resolution.tolist(),
         strict=True,
     )
@@ -52,10 +56,12 @@ def surface_distances(points: PointClouds, cells: PointClouds, resolution: torch
 
 
 def _distances(
-    points: torch.Tensor, means: torch.Tensor, spreads: torch.Tensor, resolution: float
+    points: torch.Tensor, means: torch.Tensor, spreads: torch.Tensor, counts: torch.Tensor, resolution: float
 ) -> torch.Tensor:
     if not len(means):
         return points.new_full((len(points),), torch.inf)
+    surface = _are_surface(means, spreads, counts)
+    means, spreads = means[surface], spreads[surface]
     centre = means.mean(dim=0)  # maps live far from their origin
     points, means = points - centre, means - centre
     floor = _floor(means, spreads, resolution) * torch.eye(means.shape[1], dtype=means.dtype)
@@ -68,6 +74,21 @@ def _distances(
     nearest = torch.from_numpy(nearest).reshape(len(points), neighbours)
     chunks = zip(points.split(CHUNK), nearest.split(CHUNK), strict=True)
     return torch.cat([_nearest(chunk, rows, means, whitener) for chunk, rows in chunks])
+
+
+def _are_surface(means: torch.Tensor, spreads: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
+    """Which cells are pieces of a surface, not a few stray returns far from each other, bool (M,).
+
+    A stray cell is wide for its few points, compared with the cells around it; it would vouch for all that it spans.
+    """
+    neighbours = min(NEIGHBOURS, len(means) - 1)
+    if not neighbours:
+        return torch.ones(len(means), dtype=torch.bool)
+    gaps = (spreads.diagonal(dim1=1, dim2=2).sum(dim=1).clamp_min(0) / counts).sqrt()  # (M,)
+    centred = (means - means.mean(dim=0)).numpy()
+    rows = cKDTree(centred).query(centred, k=neighbours + 1)[1][:, 1:]
+    usual = gaps[torch.from_numpy(rows)].median(dim=1).values
+    return (gaps <= STRAY * usual) | (usual == 0)
 
 
 def _floor(means: torch.Tensor, spreads: torch.Tensor, resolution: float) -> float:
@@ -89,7 +110,8 @@ def own_quantile(
 ) -> torch.Tensor:
     """Squared distance that a share of a scan's points keep from a surface they had no part in, float64 (B,).
 
-    Every second point makes the cells and the others are measured against them, so that no point vouches for itself.
+    Half of the points, drawn at random, make the cells and the others are measured against them, so that no point
+    vouches for itself. (Every second point will not do: in the order of a spinning lidar that is every second beam.)
 
     Args:
         points: B clouds of points, m.
@@ -100,14 +122,18 @@ def own_quantile(
     Returns:
         The quantile; NaN for a cloud of fewer than two points.
     """
-    position = torch.arange(len(points.points)) - _starts(points)[points.cloud_index]
-    half = position % 2 == 0
+    half = torch.cat([_random_half(size) for size in points.sizes])
     cells = _cells_of(points, cell_of_point, half)
     others = _sample(points, ~half)
     distances = others.split(surface_distances(others, cells, resolution))
     return torch.stack(
         [part.quantile(share) if len(part) else part.new_tensor(torch.nan) for part in distances]
     )
+
+
+def _random_half(size: int) -> torch.Tensor:
+    """The same half of `size` points whatever else is in the batch, bool (size,)."""
+    return torch.rand(size, generator=torch.Generator().manual_seed(size)) < 0.5
 
 
 def _cells_of(points: PointClouds, cell_of_point: torch.Tensor, members: torch.Tensor) -> PointClouds:
@@ -133,6 +159,3 @@ def _sample(points: PointClouds, members: torch.Tensor) -> PointClouds:
     )
     return PointClouds.from_list([part[:: max(1, len(part) // CALIBRATION)] for part in chosen])
 
-
-def _starts(clouds: PointClouds) -> torch.Tensor:
-    return torch.tensor(clouds.offsets[:-1])

@@ -17,6 +17,8 @@ NEIGHBOURS = 6
 REACH = 1.0
 """A ray speaks for a point when it passes within this many typical gaps between neighbouring rays."""
 
+STEEPEST = 5.0
+"""Greatest slope of a surface against a ray that is reckoned with, some 79 degrees: beyond it normals are noise."""
 
 MAX_STATIONS = 16
 """A scan taken from more places than these is one of a moving sensor, whose single rays are too few to ask."""
@@ -68,37 +70,58 @@ class Rays:
         chords, _ = self._tree.query(sample, k=min(NEIGHBOURS + 1, len(self.directions)), workers=-1)
         return float(np.median(np.atleast_2d(chords)[:, -1]))
 
-    def sights(self, points: NDArray[np.float64], tolerance: float) -> NDArray[np.uint8]:
+    def sights(
+        self,
+        points: NDArray[np.float64],
+        tolerance: float,
+        normals: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.uint8]:
         """Say of every point (M, 3) whether this scan saw through it, a surface there, or something before it.
+
+        A ray passes beside a point and not through it. If the point's surface is known, the ray says how far along
+        itself that surface would have stopped it; without, rays that bracket the point may have met a slanted one.
 
         Args:
             points: Places in space, m.
             tolerance: Range difference that noise and pose error explain, m.
+            normals: (M, 3) unit normals of the surfaces that the points are on, NaN where unknown; None: all unknown.
 
         Returns:
             `Sight` of each point, uint8 (M,). SEEN_THROUGH when every neighbouring ray went on behind the point,
-            HIDDEN when every one ended before it, SURFACE when they bracket it, NO_RAY when none passes near.
+            HIDDEN when every one ended before it, SURFACE when one ended on it, NO_RAY when none passes near. When
+            some went on and others ended before: SURFACE where the normal is unknown, elsewhere what most did.
         """
         sights = np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
         if not len(points) or not len(self.ranges):
             return sights
         away = points - self.origin
         ranges = np.linalg.norm(away, axis=1)
-        least, most = self._bracket(away / np.maximum(ranges, np.finfo(float).tiny)[:, None])
-        seen = np.isfinite(least)
-        sights[seen] = Sight.SURFACE
-        sights[seen & (ranges < least - tolerance)] = Sight.SEEN_THROUGH
-        sights[seen & (ranges > most + tolerance)] = Sight.HIDDEN
-        return sights
-
-    def _bracket(self, directions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Least and greatest range among the rays that pass near each direction (M, 3); inf and -inf without one."""
+        directions = away / np.maximum(ranges, np.finfo(float).tiny)[:, None]
         chords, rows = self._tree.query(
             directions, k=NEIGHBOURS, distance_upper_bound=REACH * self.gap, workers=-1
         )
         near = np.isfinite(chords)  # (M, NEIGHBOURS)
-        ranges = self.ranges[np.where(near, rows, 0)]
-        return np.where(near, ranges, np.inf).min(axis=1), np.where(near, ranges, -np.inf).max(axis=1)
+        slopes = _slopes(directions, normals)
+        slack = tolerance + np.where(near, chords, 0.0) * (ranges * np.nan_to_num(slopes))[:, None]
+        beyond = self.ranges[np.where(near, rows, 0)] - ranges[:, None]
+        total = near.sum(axis=1)
+        behind = (near & (beyond > slack)).sum(axis=1)
+        before = (near & (beyond < -slack)).sum(axis=1)
+        split = (behind + before == total) & ~np.isnan(slopes)  # nothing ended on the point's surface
+        sights[total > 0] = Sight.SURFACE
+        sights[(total > 0) & ((behind == total) | (split & (behind >= before)))] = Sight.SEEN_THROUGH
+        sights[(total > 0) & ((before == total) | (split & (behind < before)))] = Sight.HIDDEN
+        return sights
+
+
+def _slopes(
+    directions: NDArray[np.float64], normals: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Tangent of the angle between each direction (M, 3) and the normal of the surface it meets; NaN if unknown."""
+    if normals is None:
+        return np.full(len(directions), np.nan)
+    cosines = np.abs(np.einsum("md,md->m", directions, normals))
+    return np.minimum(np.sqrt(np.maximum(1 - cosines**2, 0)) / np.maximum(cosines, 1e-9), STEEPEST)
 
 
 def stations_of(returns: NDArray[np.float64], origins: NDArray[np.float64] | None) -> tuple[Rays, ...]:
@@ -121,10 +144,13 @@ def stations_of(returns: NDArray[np.float64], origins: NDArray[np.float64] | Non
 
 
 def joint_sights(
-    stations: Sequence[Rays], points: NDArray[np.float64], tolerance: float
+    stations: Sequence[Rays],
+    points: NDArray[np.float64],
+    tolerance: float,
+    normals: NDArray[np.float64] | None = None,
 ) -> NDArray[np.uint8]:
     """What all stations together know of every point (M, 3), see `Rays.sights`; `Sight`, uint8 (M,)."""
-    seen = np.stack([rays.sights(points, tolerance) for rays in stations])  # (stations, M)
+    seen = np.stack([rays.sights(points, tolerance, normals) for rays in stations])  # (stations, M)
     joint = np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
     for sight in reversed(STRONGEST):
         joint[(seen == sight).any(axis=0)] = sight

@@ -16,10 +16,13 @@ from novelty.preprocess import PreparedScans
 from novelty.result import PointState
 from novelty.section import section
 from novelty.segment import SegmentedPoints
-from novelty.visibility.rays import Rays, Sight, joint_sights, stations_of
+from novelty.visibility.rays import Sight, joint_sights, stations_of
 
 LEAST_SEEN = 0.2
 """A group must have been seen through in at least this share of all its points to be novel as a whole."""
+
+LEAST_PATCH = 4
+"""Points of which the plane through them is a measurement: three always have one."""
 
 STATE_OF_SIGHT = {
     Sight.NO_RAY: PointState.UNOBSERVED,
@@ -77,16 +80,20 @@ def judge(
         scans.points.split(labels),
         scans.points.split(groups),
         scans.points.split(states),
+        scans.points.split(_normals(scans)[scans.cell_of_point]),
         others.returns,
         others.origins,
         resolution.tolist(),
         strict=True,
     )
-    for points, novel, group, state, returns, origins, length in parts:
+    for points, novel, group, state, normals, returns, origins, length in parts:
         stations = stations_of(returns, origins) if novel.any() else ()
         if not stations:
             continue
-        verdict = _verdict(points[novel].numpy(), group[novel].numpy(), stations, length, settings)
+        sights = joint_sights(
+            stations, points[novel].numpy(), settings.tolerance * length, normals[novel].numpy()
+        )
+        verdict = _verdict(sights, group[novel].numpy(), settings)
         state[novel] = torch.from_numpy(verdict)
     return replace(segmented, states=states)
 
@@ -113,12 +120,18 @@ def blind_notes(reference: PreparedScans, current: PreparedScans) -> list[tuple[
     return notes
 
 
+def _normals(scans: PreparedScans) -> torch.Tensor:
+    """Unit normals of the surface patches that the cells are, float64 (M, 3); NaN where too few points make one."""
+    cells = scans.cells
+    unknown = torch.full_like(cells.points, torch.nan)
+    if cells.spreads is None:
+        return unknown
+    normals = torch.linalg.eigh(cells.spreads).eigenvectors[:, :, 0]  # of the least eigenvalue
+    return torch.where((cells.weights >= LEAST_PATCH)[:, None], normals, unknown)
+
+
 def _verdict(
-    points: NDArray[np.float64],
-    groups: NDArray[np.int64],
-    others: Sequence[Rays],
-    resolution: float,
-    settings: Visibility,
+    sights: NDArray[np.uint8], groups: NDArray[np.int64], settings: Visibility
 ) -> NDArray[np.uint8]:
     """State of every novel point (M,).
 
@@ -126,7 +139,6 @@ def _verdict(
     a whole: its parts in shadow belong to the same thing. In other groups every point stands for itself, and one that
     lies on a surface the other scan measured is unchanged after all.
     """
-    sights = joint_sights(others, points, settings.tolerance * resolution)
     _, group = np.unique(groups, return_inverse=True)
     size = np.bincount(group)
     through = np.bincount(group, sights == Sight.SEEN_THROUGH)
