@@ -60,7 +60,7 @@ def _distances(
 ) -> torch.Tensor:
     if not len(means):
         return points.new_full((len(points),), torch.inf)
-    surface = _are_surface(means, spreads, counts)
+    surface = _pieces_of_surface(means, spreads, counts)
     means, spreads = means[surface], spreads[surface]
     centre = means.mean(dim=0)  # maps live far from their origin
     points, means = points - centre, means - centre
@@ -76,13 +76,13 @@ def _distances(
     return torch.cat([_nearest(chunk, rows, means, whitener) for chunk, rows in chunks])
 
 
-def _are_surface(means: torch.Tensor, spreads: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
+def _pieces_of_surface(means: torch.Tensor, spreads: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
     """Which cells are pieces of a surface, not a few stray returns far from each other, bool (M,).
 
     A stray cell is wide for its few points, compared with the cells around it; it would vouch for all that it spans.
     """
     neighbours = min(NEIGHBOURS, len(means) - 1)
-    if not neighbours:
+    if neighbours < 1:
         return torch.ones(len(means), dtype=torch.bool)
     gaps = (spreads.diagonal(dim1=1, dim2=2).sum(dim=1).clamp_min(0) / counts).sqrt()  # (M,)
     centred = (means - means.mean(dim=0)).numpy()

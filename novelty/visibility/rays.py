@@ -18,7 +18,7 @@ REACH = 1.0
 """A ray speaks for a point when it passes within this many typical gaps between neighbouring rays."""
 
 STEEPEST = 5.0
-"""Greatest slope of a surface against a ray that is reckoned with, some 79 degrees: beyond it normals are noise."""
+"""Greatest slope of a surface against a ray that is reckoned with, some 79 degrees."""
 
 MAX_STATIONS = 16
 """A scan taken from more places than these is one of a moving sensor, whose single rays are too few to ask."""
@@ -89,7 +89,8 @@ class Rays:
         Returns:
             `Sight` of each point, uint8 (M,). SEEN_THROUGH when every neighbouring ray went on behind the point,
             HIDDEN when every one ended before it, SURFACE when one ended on it, NO_RAY when none passes near. When
-            some went on and others ended before: SURFACE where the normal is unknown, elsewhere what most did.
+            some went on and others ended before: what most did; NO_RAY can tell where the surface is so steep that the
+            error of its normal decides, and SURFACE where the normal is unknown.
         """
         sights = np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
         if not len(points) or not len(self.ranges):
@@ -102,13 +103,15 @@ class Rays:
         )
         near = np.isfinite(chords)  # (M, NEIGHBOURS)
         slopes = _slopes(directions, normals)
-        slack = tolerance + np.where(near, chords, 0.0) * (ranges * np.nan_to_num(slopes))[:, None]
+        leaning = np.minimum(np.nan_to_num(slopes), STEEPEST)
+        slack = tolerance + np.where(near, chords, 0.0) * (ranges * leaning)[:, None]
         beyond = self.ranges[np.where(near, rows, 0)] - ranges[:, None]
         total = near.sum(axis=1)
         behind = (near & (beyond > slack)).sum(axis=1)
         before = (near & (beyond < -slack)).sum(axis=1)
-        split = (behind + before == total) & ~np.isnan(slopes)  # nothing ended on the point's surface
-        sights[total > 0] = Sight.SURFACE
+        torn = (behind + before == total) & ~np.isnan(slopes)  # nothing ended on the point's surface
+        split = torn & (slopes <= STEEPEST)
+        sights[(total > 0) & ~torn] = Sight.SURFACE
         sights[(total > 0) & ((behind == total) | (split & (behind >= before)))] = Sight.SEEN_THROUGH
         sights[(total > 0) & ((before == total) | (split & (behind < before)))] = Sight.HIDDEN
         return sights
@@ -121,7 +124,7 @@ def _slopes(
     if normals is None:
         return np.full(len(directions), np.nan)
     cosines = np.abs(np.einsum("md,md->m", directions, normals))
-    return np.minimum(np.sqrt(np.maximum(1 - cosines**2, 0)) / np.maximum(cosines, 1e-9), STEEPEST)
+    return np.sqrt(np.maximum(1 - cosines**2, 0)) / np.maximum(cosines, 1e-9)
 
 
 def stations_of(returns: NDArray[np.float64], origins: NDArray[np.float64] | None) -> tuple[Rays, ...]:
