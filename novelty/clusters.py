@@ -37,17 +37,32 @@ def novel_clusters(scans: PreparedScans, novel: torch.Tensor) -> torch.Tensor:
     return groups
 
 
-def drop_specks(segmented: SegmentedPoints, scans: PreparedScans, settings: Segment) -> SegmentedPoints:
-    """Call novel points unchanged that touch fewer than `settings.min_points` others."""
-    if settings.min_points == 1:
+def drop_specks(
+    segmented: SegmentedPoints,
+    scans: PreparedScans,
+    settings: Segment,
+    chance_groups: torch.Tensor | None = None,
+) -> SegmentedPoints:
+    """Call novel points unchanged that touch too few others.
+
+    Args:
+        segmented: Labels of the B scans.
+        scans: The B scans labelled.
+        settings: `min_points` is the least group that counts.
+        chance_groups: int64 (B,), size up to which groups are of chance; None: none are.
+    """
+    least = torch.full((len(scans),), settings.min_points)
+    if chance_groups is not None:
+        least = torch.maximum(least, chance_groups + 1)
+    if (least == 1).all():
         return segmented
     labels = segmented.labels
     groups = novel_clusters(scans, labels)
     states = segmented.states.clone()
-    for group, state, members in zip(*map(scans.points.split, (groups, states, labels)), strict=True):
+    packed = (groups, states, labels)
+    for group, state, members, size in zip(*map(scans.points.split, packed), least.tolist(), strict=True):
         if members.any():
-            sizes = torch.bincount(group[members])
-            specks = members & (sizes[group.clamp_min(0)] < settings.min_points)
+            specks = members & (torch.bincount(group[members])[group.clamp_min(0)] < size)
             state[specks] = int(PointState.UNCHANGED)
     return replace(segmented, states=states)
 

@@ -175,16 +175,18 @@ def segment_current(
         return judge(segmented, scans, others, resolution, config.visibility) if visible else segmented
     segmented = segment_points(scans.points, models.current.mixtures, novelty, config.segment)
     refined = config.refine.method != "none" and config.chosen_detector.asks_refinement
+    chance_groups = None
     if refined:
         measured, key = {} if measured is None else measured, (id(scans), config.refine)
         if key not in measured:
             measured[key] = measure_off_surface(scans, others, resolution, config.refine)
         segmented = refine(segmented, scans, measured[key], config.refine)
+        chance_groups = measured[key].chance_groups
     if visible:
         segmented = judge(segmented, scans, others, resolution, config.visibility)
     if refined:
         segmented = drop_measured(segmented, scans, others, resolution)
-    return drop_specks(segmented, scans, config.segment)
+    return drop_specks(segmented, scans, config.segment, chance_groups)
 
 
 def _asks_visibility(config: Config) -> bool:

@@ -16,9 +16,11 @@ from pydantic import Field
 from scipy.special import chdtri
 
 from novelty.preprocess import PreparedScans
+from novelty.refinement.chance import chance_group_sizes
 from novelty.refinement.surface import own_quantile, surface_distances
 from novelty.section import section
 from novelty.segment import SegmentedPoints, states_of
+from novelty.visibility import has_stations
 
 ROUGHNESS_AT = 0.95
 """Quantile at which a scan's own distances from its surfaces are compared with those of Gaussian noise."""
@@ -55,11 +57,13 @@ class OffSurface:
         distances: squared, in variances of the surface (N,).
         off: bool (N,), farther than unchanged points are.
         comparable: bool (N,), False where the other scan is empty.
+        chance_groups: int64 (B,), see `chance_group_sizes`; looked at where the other scan's rays cannot tell.
     """
 
     distances: torch.Tensor
     off: torch.Tensor
     comparable: torch.Tensor
+    chance_groups: torch.Tensor
 
 
 def measure_off_surface(
@@ -75,8 +79,13 @@ def measure_off_surface(
     """
     distances = surface_distances(scans.points, other.cells, resolution)  # (N,)
     comparable = torch.tensor([size > 0 for size in other.cells.sizes])[scans.points.cloud_index]
-    off = (distances > _threshold(scans, resolution, settings)[scans.points.cloud_index]) & comparable
-    return OffSurface(distances, off, comparable)
+    threshold = _threshold(scans, resolution, settings)  # (B,)
+    off = (distances > threshold[scans.points.cloud_index]) & comparable
+    blind = [
+        bool(part.any()) and not has_stations(origins)
+        for part, origins in zip(scans.points.split(off), other.origins, strict=True)
+    ]
+    return OffSurface(distances, off, comparable, chance_group_sizes(scans, resolution, threshold, blind))
 
 
 def refine(

@@ -122,8 +122,8 @@ def own_quantile(
     Returns:
         The quantile; NaN for a cloud of fewer than two points.
     """
-    half = torch.cat([_random_half(size) for size in points.sizes])
-    cells = _cells_of(points, cell_of_point, half)
+    half = random_halves(points)
+    cells = cells_of_members(points, cell_of_point, half)
     others = _sample(points, ~half)
     distances = others.split(surface_distances(others, cells, resolution))
     return torch.stack(
@@ -131,12 +131,13 @@ def own_quantile(
     )
 
 
-def _random_half(size: int) -> torch.Tensor:
-    """The same half of `size` points whatever else is in the batch, bool (size,)."""
-    return torch.rand(size, generator=torch.Generator().manual_seed(size)) < 0.5
+def random_halves(points: PointClouds) -> torch.Tensor:
+    """A random half of every cloud, the same whatever else is in the batch, bool (N,)."""
+    draws = (torch.rand(size, generator=torch.Generator().manual_seed(size)) for size in points.sizes)
+    return torch.cat(list(draws)) < 0.5
 
 
-def _cells_of(points: PointClouds, cell_of_point: torch.Tensor, members: torch.Tensor) -> PointClouds:
+def cells_of_members(points: PointClouds, cell_of_point: torch.Tensor, members: torch.Tensor) -> PointClouds:
     """Means and covariances of the cells from their `members` alone; cells without one are left out."""
     rows, local = cell_of_point[members].unique(return_inverse=True)
     owner = torch.empty_like(rows).scatter_(0, local, points.cloud_index[members])

@@ -134,16 +134,21 @@ def stations_of(returns: NDArray[np.float64], origins: NDArray[np.float64] | Non
         returns: (N, 3) what the rays met, m.
         origins: (3,), or (N, 3) for each return; None when unknown.
     """
-    if origins is None:
+    if not has_stations(origins):
         return ()
+    assert origins is not None
     if origins.ndim == 1:
         return (Rays.of(returns, origins),)
-    if len(np.unique(origins[:: max(1, len(origins) // 1000)], axis=0)) > MAX_STATIONS:
-        return ()
     places, station = np.unique(origins, axis=0, return_inverse=True)
-    if len(places) > MAX_STATIONS:
-        return ()
     return tuple(Rays.of(returns[station == row], place) for row, place in enumerate(places))
+
+
+def has_stations(origins: NDArray[np.float64] | None) -> bool:
+    """Whether a scan was taken from one place or a few known ones; origins as in `stations_of`."""
+    if origins is None or origins.ndim == 1:
+        return origins is not None
+    sample = origins[:: max(1, len(origins) // 1000)]
+    return all(len(np.unique(some, axis=0)) <= MAX_STATIONS for some in (sample, origins))
 
 
 def joint_sights(

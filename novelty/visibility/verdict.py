@@ -16,7 +16,7 @@ from novelty.preprocess import PreparedScans
 from novelty.result import PointState
 from novelty.section import section
 from novelty.segment import SegmentedPoints
-from novelty.visibility.rays import Sight, joint_sights, stations_of
+from novelty.visibility.rays import Sight, has_stations, joint_sights, stations_of
 
 LEAST_SEEN = 0.2
 """A group must have been seen through in at least this share of all its points to be novel as a whole."""
@@ -105,7 +105,7 @@ def blind_notes(reference: PreparedScans, current: PreparedScans) -> list[tuple[
         roles = [
             role
             for role, scans in (("reference", reference), ("current", current))
-            if not stations_of(scans.returns[row], scans.origins[row])
+            if not has_stations(scans.origins[row])
         ]
         if not roles:
             notes.append(())
