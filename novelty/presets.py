@@ -22,6 +22,7 @@ PAPER: dict[str, Any] = {
     "structural_matching.scale": "metre",
     "structural_matching.node_threshold": 3.5,
     "structural_matching.arc_threshold": 1.0,
+    "structural_matching.arc_terms": "squared",
     "structural_matching.length_scale": 1.0,
     "structural_matching.resolution_floor": "none",
     # The clusterings that the mixtures are measured against are compared in the same way (section 3.4).

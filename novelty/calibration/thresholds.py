@@ -23,9 +23,9 @@ from gmmtorch.distances import covariance_distance, mean_distance
 from novelty.calibration.fitted import FittedPair
 from novelty.detectors import StructuralMatching
 from novelty.detectors.resolution import blurred, cell_resolution
-from novelty.detectors.scaled_graphs import scaled_mean_distance
+from novelty.detectors.scaled_graphs import relative_terms, scaled_mean_distance
 from novelty.errors import InputError
-from novelty.matching import Components
+from novelty.matching import Components, arc_terms
 from novelty.preprocess import PreparedScans
 from novelty.scan import UNCHANGED, Scan
 
@@ -143,12 +143,10 @@ def _differences(
 ) -> Array:
     """Eq. 12 of every pairing (i, j) with every valid pairing (k, l): (K, K', V)."""
     rows, columns = np.nonzero(valid)
-    first = inner_a[0].numpy()[:, None, rows] ** 2
-    second = inner_b[0].numpy()[None, :, columns] ** 2
-    squared = np.abs(first - second)
-    if detector.scale == "component":  # relative to the distances themselves, as the detector takes it
-        squared = squared / (1 + (first + second) / 2)
-    return np.sqrt(squared)
+    first = arc_terms(inner_a[0], detector.arc_terms)[:, None, rows]
+    second = arc_terms(inner_b[0], detector.arc_terms)[None, :, columns]
+    squared = relative_terms(first, second) if detector.scale == "component" else (first - second).abs()
+    return squared.sqrt().numpy()
 
 
 def _beside(shape: tuple[int, ...], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -7,7 +7,8 @@ differ more between two fits of the same surfaces, are not held to a stricter ru
 
     w^2 = |d_Theta^2 - d_Gamma^2| / (1 + (d_Theta^2 + d_Gamma^2) / 2).
 
-The 1 keeps distances that are small in both mixtures from mattering. U_T and U_R become pure numbers.
+The 1 keeps distances that are small in both mixtures from mattering. U_T and U_R become pure numbers. The other reading
+of eq. 12, without its squares, has none here either.
 """
 
 from __future__ import annotations
@@ -16,11 +17,15 @@ import torch
 from torch import Tensor
 
 from gmmtorch.distances import covariance_distance
-from novelty.matching import Components, CorrespondenceGraphs
+from novelty.matching import ArcTerms, Components, CorrespondenceGraphs, arc_terms
 
 
 def build_scaled_graphs(
-    a: Components, b: Components, node_threshold: float, arc_threshold: float
+    a: Components,
+    b: Components,
+    node_threshold: float,
+    arc_threshold: float,
+    terms: ArcTerms = "squared",
 ) -> CorrespondenceGraphs:
     """Form nodes and arcs of P pairs at once; the largest number of nodes is read once, which synchronises.
 
@@ -29,6 +34,7 @@ def build_scaled_graphs(
         b: components of the second mixtures, with K_b of them.
         node_threshold: U_T; a node has max(d_mu, d_Sigma) < U_T.
         arc_threshold: U_R; an arc has max(w_mu, w_Sigma) <= U_R.
+        terms: Whether eq. 12 subtracts squared distances, as printed, or the distances themselves.
 
     Returns:
         Graphs whose distances are pure numbers; a component has one partner at most.
@@ -40,11 +46,15 @@ def build_scaled_graphs(
     apart = (nodes_a[:, :, None] != nodes_a[:, None, :]) & (nodes_b[:, :, None] != nodes_b[:, None, :])
     adjacency = exists[:, :, None] & exists[:, None, :] & apart  # (P, V, V)
     for inner_a, inner_b in zip(_inner_distances(a), _inner_distances(b), strict=True):
-        squared_a = _among(inner_a, nodes_a).square()
-        squared_b = _among(inner_b, nodes_b).square()
-        relative = (squared_a - squared_b).abs() / (1 + (squared_a + squared_b) / 2)  # w^2
-        adjacency &= relative <= arc_threshold**2
+        terms_a = _among(arc_terms(inner_a, terms), nodes_a)
+        terms_b = _among(arc_terms(inner_b, terms), nodes_b)
+        adjacency &= relative_terms(terms_a, terms_b) <= arc_threshold**2  # w^2
     return CorrespondenceGraphs(nodes_a, nodes_b, distances, adjacency, num_nodes, table, node_threshold)
+
+
+def relative_terms(terms_a: Tensor, terms_b: Tensor) -> Tensor:
+    """The difference of eq. 12's terms relative to the terms themselves, w^2."""
+    return (terms_a - terms_b).abs() / (1 + (terms_a + terms_b) / 2)
 
 
 def scaled_mean_distance(a: Components, b: Components) -> Tensor:

@@ -18,6 +18,7 @@ from novelty.detectors.resolution import blurred, cell_resolution
 from novelty.detectors.scaled_graphs import build_scaled_graphs
 from novelty.fitting import FitPlan, Models, fit_independently
 from novelty.matching import (
+    ArcTerms,
     CliqueStatus,
     Components,
     CorrespondenceGraphs,
@@ -54,6 +55,11 @@ class StructuralMatching(Detector):
         default=1.5,
         gt=0,
         description="U_R: two matches may hold together up to this difference (eq. 11); the paper's metres ask for 1.",
+    )
+    arc_terms: ArcTerms = Field(
+        default="squared",
+        description="What eq. 12 subtracts under its root: squared distances, as printed, or, in its other reading, "
+        "the distances themselves (plain).",
     )
     length_scale: float = Field(
         default=1.0,
@@ -94,13 +100,14 @@ class StructuralMatching(Detector):
 
     def _graphs(self, a: Components, b: Components) -> CorrespondenceGraphs:
         if self.scale == "component":
-            return build_scaled_graphs(a, b, self.node_threshold, self.arc_threshold)
+            return build_scaled_graphs(a, b, self.node_threshold, self.arc_threshold, self.arc_terms)
         return build_correspondence_graphs(
             a,
             b,
             node_threshold=self.node_threshold,
             arc_threshold=self.arc_threshold,
             length_scale=self.length_scale,
+            terms=self.arc_terms,
         )
 
     def _components(self, mixtures: GaussianMixtures, resolution: Tensor) -> Components:

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from gmmtorch.distances import combined_distance, covariance_distance, mean_distance
 from novelty.errors import ConfigError
+from novelty.matching.terms import ArcTerms, arc_terms
 
 _CHUNK_ARCS = 200_000  # arcs formed at once: intermediates of 1.6 MB stay in the cache
 
@@ -63,6 +64,7 @@ def build_correspondence_graphs(
     node_threshold: float = 3.5,
     arc_threshold: float = 1.0,
     length_scale: float = 1.0,
+    terms: ArcTerms = "squared",
 ) -> CorrespondenceGraphs:
     """Form nodes and arcs of all pairs at once.
 
@@ -74,6 +76,7 @@ def build_correspondence_graphs(
         node_threshold: U_T; a node has d < U_T (eq. 9).
         arc_threshold: U_R; an arc has max(w_mu, w_Sigma) <= U_R (eq. 11).
         length_scale: metres that weigh as much as one unit of the covariance distance, in eqs. 9 and 12.
+        terms: whether eq. 12 subtracts squared distances, as printed, or the distances themselves.
 
     Returns:
         The graphs.
@@ -87,7 +90,8 @@ def build_correspondence_graphs(
     table = combined_distance(a.means, a.covariances, b.means, b.covariances, length_scale)  # T_t
     alive = (a.weights > 0)[:, :, None] & (b.weights > 0)[:, None, :]
     nodes_a, nodes_b, distances, num_nodes = _list_nodes(table, alive & (table < node_threshold))
-    adjacency = _join_nodes(a, b, nodes_a, nodes_b, arc_threshold, length_scale)
+    inner_a, inner_b = _inner_terms(a, length_scale, terms), _inner_terms(b, length_scale, terms)
+    adjacency = _join_nodes(inner_a, inner_b, nodes_a, nodes_b, arc_threshold)
     return CorrespondenceGraphs(nodes_a, nodes_b, distances, adjacency, num_nodes, table, node_threshold)
 
 
@@ -107,12 +111,15 @@ def _list_nodes(table: Tensor, is_node: Tensor) -> tuple[Tensor, Tensor, Tensor,
 
 
 def _join_nodes(
-    a: Components, b: Components, nodes_a: Tensor, nodes_b: Tensor, arc_threshold: float, length_scale: float
+    tables_a: tuple[Tensor, ...],
+    tables_b: tuple[Tensor, ...],
+    nodes_a: Tensor,
+    nodes_b: Tensor,
+    arc_threshold: float,
 ) -> Tensor:
-    """The relative constraint R_t among existing nodes (P, V, V)."""
+    """The relative constraint R_t among existing nodes (P, V, V), from the terms of eq. 12, which are overwritten."""
     num_pairs, V = nodes_a.shape
     adjacency = torch.empty(num_pairs, V, V, dtype=torch.bool, device=nodes_a.device)
-    tables_a, tables_b = _squared_inner_distances(a, length_scale), _squared_inner_distances(b, length_scale)
     for table in tables_a:
         table.diagonal(dim1=1, dim2=2).fill_(torch.inf)  # the same component twice: never joined
     for table in tables_b:
@@ -121,17 +128,17 @@ def _join_nodes(
         exists = nodes_a[chunk] >= 0
         joined = torch.logical_and(exists[:, :, None], exists[:, None, :], out=adjacency[chunk])
         for table_a, table_b in zip(tables_a, tables_b, strict=True):
-            # Eq. 12 squared: w^2 = |d_Theta^2 - d_Gamma^2|, which saves the root.
+            # Eq. 12 squared: w^2 = |d_Theta^2 - d_Gamma^2| (or its other reading), which saves the root.
             difference = _between_nodes(table_a[chunk], nodes_a[chunk])
             difference.sub_(_between_nodes(table_b[chunk], nodes_b[chunk])).abs_()
             joined.logical_and_(difference <= arc_threshold**2)
     return adjacency
 
 
-def _squared_inner_distances(side: Components, length_scale: float) -> tuple[Tensor, Tensor]:
-    """Squared d_mu / length_scale and d_Sigma between the components of one mixture, each (P, K, K)."""
+def _inner_terms(side: Components, length_scale: float, terms: ArcTerms) -> tuple[Tensor, Tensor]:
+    """Eq. 12's terms of d_mu / length_scale and of d_Sigma between the components of one mixture, each (P, K, K)."""
     means = mean_distance(side.means, side.means) / length_scale
-    return means.square(), covariance_distance(side.covariances, side.covariances).square()
+    return arc_terms(means, terms), arc_terms(covariance_distance(side.covariances, side.covariances), terms)
 
 
 def _between_nodes(table: Tensor, nodes: Tensor) -> Tensor:

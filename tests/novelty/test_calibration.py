@@ -2,10 +2,19 @@
 
 import numpy as np
 import pytest
+import torch
 import yaml
 
 from novelty import Config, ConfigError, InputError, Scan, ScanPair, detect, evaluate
-from novelty.calibration import Pairings, calibrate, fit_pair, kappa, least_error_thresholds, pairings_of
+from novelty.calibration import (
+    Pairings,
+    calibrate,
+    fit_pair,
+    kappa,
+    least_error_thresholds,
+    pairings_of,
+    thresholds,
+)
 from novelty.calibration.grids import GRIDS, settings_of
 from novelty.cli.app import main
 from novelty.config import baseline_names, detector_names
@@ -88,6 +97,27 @@ def test_valid_pairings_are_nearer_than_invalid_ones(structural):
     assert len(pairings.valid) > 20
     assert np.median(pairings.valid[:, 0]) < 0.2 * np.median(pairings.invalid[:, 0])
     assert np.median(pairings.valid[:, 1]) < np.median(pairings.invalid[:, 1])
+
+
+@pytest.mark.parametrize("terms", ["squared", "plain"])
+@pytest.mark.parametrize("scale", ["component", "metre"])
+def test_differences_are_those_of_the_graphs(structural, scale, terms):
+    config, fitted = structural
+    detector = config.replace(
+        **{
+            "structural_matching.scale": scale,
+            "structural_matching.arc_terms": terms,
+            "structural_matching.node_threshold": 1e6,
+            "structural_matching.arc_threshold": 0.5,
+        }
+    ).structural_matching
+    sides = thresholds._components(fitted[0], detector)
+    graphs = detector._graphs(*sides)
+    valid, _ = thresholds._judged(fitted[0])
+    delta = pairings_of(fitted[0], detector).valid[:, 1]
+    # Every arc between two valid nodes, in both directions, is a valid pairing that has a valid one beside it.
+    is_valid = torch.from_numpy(valid)[graphs.nodes_a[0], graphs.nodes_b[0]]
+    assert (delta <= 0.5).sum() == graphs.adjacency[0][is_valid][:, is_valid].sum().item() > 0
 
 
 def test_structural_matching_learns_its_thresholds(structural):

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from gmmtorch import GaussianMixtures
+from novelty import Config, ConfigError
 from novelty.detectors import (
     Comparison,
     ComponentNovelty,
@@ -208,6 +210,44 @@ def test_structural_matching_in_metres_is_the_papers():
     models, comparison = judged(StructuralMatching(scale="metre"), batch)
     assert not comparison.added.novel.any()
     assert (comparison.added.matches[models.current.mixtures.mask] >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "alike"),
+    [
+        # d_Sigma is 8.0 in one mixture and 8.1 in the other: w = 1.27 as printed, 0.32 without the squares.
+        ({"scale": "metre", "arc_terms": "squared", "arc_threshold": 1.26}, False),
+        ({"scale": "metre", "arc_terms": "squared", "arc_threshold": 1.27}, True),
+        ({"scale": "metre", "arc_terms": "plain", "arc_threshold": 0.31}, False),
+        ({"scale": "metre", "arc_terms": "plain", "arc_threshold": 0.32}, True),
+        # Relative to the distances: w^2 = 1.61 / (1 + 129.61 / 2), and 0.1 / (1 + 16.1 / 2).
+        ({"scale": "component", "arc_terms": "squared", "arc_threshold": 0.15}, False),
+        ({"scale": "component", "arc_terms": "squared", "arc_threshold": 0.16}, True),
+        ({"scale": "component", "arc_terms": "plain", "arc_threshold": 0.10}, False),
+        ({"scale": "component", "arc_terms": "plain", "arc_threshold": 0.11}, True),
+    ],
+)
+def test_both_readings_of_equation_12(settings, alike):
+    def mixture(shapes_apart):
+        # In one place, so that only shapes differ: d_Sigma = 8.0 of exp(8 / sqrt 3) I and I (eq. 10).
+        covariances = np.stack([np.eye(3), np.exp(shapes_apart / 3**0.5) * np.eye(3)])
+        return GaussianMixtures.from_arrays(np.full((1, 2), 0.5), np.zeros((1, 2, 3)), covariances[None])
+
+    batch = pairs((room(0), room(1)))
+    models = StructuralMatching().fit(batch, FitPlan(Fit(), 2))
+    models = replace(
+        models,
+        reference=replace(models.reference, mixtures=mixture(8.0)),
+        current=replace(models.current, mixtures=mixture(8.1)),
+    )
+    detector = StructuralMatching(resolution_floor="none", **settings)
+    told = detector.compare(batch, models).added
+    assert (told.matches[0] >= 0).sum().item() == (2 if alike else 1)
+
+
+def test_a_reading_that_is_none_is_refused():
+    with pytest.raises(ConfigError, match=r"arc_terms.*'squared' or 'plain'"):
+        Config().replace(**{"structural_matching.arc_terms": "cubed"})
 
 
 def test_a_search_that_ran_out_of_budget_says_so():

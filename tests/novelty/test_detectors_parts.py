@@ -53,9 +53,10 @@ def components(m: GaussianMixtures) -> Components:
     return Components(m.weights, m.means, m.covariances)
 
 
-def test_scaled_graphs_hold_for_every_pair_of_nodes(rng):
+@pytest.mark.parametrize(("terms", "power"), [("squared", 2), ("plain", 1)])
+def test_scaled_graphs_hold_for_every_pair_of_nodes(rng, terms, power):
     a, b = mixtures(rng, 4), mixtures(rng, 5)
-    graphs = build_scaled_graphs(components(a), components(b), 6.0, 1.0)
+    graphs = build_scaled_graphs(components(a), components(b), 6.0, 1.0, terms)
     inner = []
     for side in (components(a), components(b)):
         inner.append(
@@ -69,7 +70,7 @@ def test_scaled_graphs_hold_for_every_pair_of_nodes(rng):
             k, m = (int(graphs.nodes_b[0, n]) for n in (x, y))
             expected = i != j and k != m
             for of_a, of_b in zip(*inner, strict=True):
-                first, second = float(of_a[i, j]) ** 2, float(of_b[k, m]) ** 2
+                first, second = float(of_a[i, j]) ** power, float(of_b[k, m]) ** power
                 expected &= abs(first - second) <= 1 + (first + second) / 2
             assert bool(graphs.adjacency[0, x, y]) == expected
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from novelty.errors import ConfigError
-from novelty.matching import CliqueStatus, Components, build_correspondence_graphs, match_structure
+from novelty.matching import ArcTerms, CliqueStatus, Components, build_correspondence_graphs, match_structure
 from tests.reference import clique as reference
 
 
@@ -32,22 +32,28 @@ def components(sides: list[tuple[np.ndarray, ...]], K: int) -> Components:
     return Components(weights, means, covariances)
 
 
+@pytest.mark.parametrize(("terms", "power"), [("squared", 2), ("plain", 1)])
 @pytest.mark.parametrize(
     ("node_threshold", "arc_threshold", "length_scale"), [(3.5, 1.0, 1.0), (2.0, 2.5, 0.5), (6.0, 1.5, 3.0)]
 )
 def test_graphs_hold_the_nodes_and_arcs_of_the_equations(
-    node_threshold: float, arc_threshold: float, length_scale: float
+    node_threshold: float, arc_threshold: float, length_scale: float, terms: ArcTerms, power: int
 ):
     scenes = [random_scene(seed, K, K // 4) for seed, K in enumerate([1, 3, 5, 6])]
     a, b = components([x for x, _ in scenes], 6), components([y for _, y in scenes], 8)
     graphs = build_correspondence_graphs(
-        a, b, node_threshold=node_threshold, arc_threshold=arc_threshold, length_scale=length_scale
+        a,
+        b,
+        node_threshold=node_threshold,
+        arc_threshold=arc_threshold,
+        length_scale=length_scale,
+        terms=terms,
     )
     for p, (first, second) in enumerate(scenes):
         V = int(graphs.num_nodes[p])
         found = list(zip(graphs.nodes_a[p, :V].tolist(), graphs.nodes_b[p, :V].tolist(), strict=True))
         nodes, arcs = reference.correspondence_graph(
-            first, second, node_threshold, arc_threshold, length_scale
+            first, second, node_threshold, arc_threshold, length_scale, power
         )
         assert found == nodes
         assert (graphs.nodes_a[p, V:] == -1).all()
@@ -60,6 +66,36 @@ def test_graphs_hold_the_nodes_and_arcs_of_the_equations(
         expected = [graphs.table[p, i, j].item() for i, j in nodes]
         assert graphs.distances[p, :V].tolist() == expected
         assert graphs.distances[p, V:].isinf().all()
+
+
+def two_components(apart: float, shapes_apart: float) -> tuple[np.ndarray, np.ndarray]:
+    """Two round components whose means are `apart` and whose covariances have this distance (eq. 10)."""
+    means = np.array([[0.0, 0.0, 0.0], [apart, 0.0, 0.0]])
+    # All three generalized eigenvalues of exp(t) I and I are exp(t), so that d_Sigma = sqrt(3) t.
+    return means, np.stack([np.eye(3), np.exp(shapes_apart / 3**0.5) * np.eye(3)])
+
+
+@pytest.mark.parametrize(
+    ("terms", "apart", "shapes_apart", "by_hand"),
+    [
+        ("squared", (5.0, 5.2), (1.0, 1.0), (27.04 - 25.0) ** 0.5),
+        ("plain", (5.0, 5.2), (1.0, 1.0), 0.2**0.5),
+        ("squared", (5.0, 5.0), (8.0, 8.1), (65.61 - 64.0) ** 0.5),
+        ("plain", (5.0, 5.0), (8.0, 8.1), 0.1**0.5),
+    ],
+)
+def test_both_readings_of_equation_12_by_hand(
+    terms: ArcTerms, apart: tuple[float, float], shapes_apart: tuple[float, float], by_hand: float
+):
+    a, b = (
+        components([two_components(d, s)], 2)
+        for d, s in zip(reversed(apart), reversed(shapes_apart), strict=True)
+    )
+    for arc_threshold, joined in ((by_hand - 1e-6, False), (by_hand + 1e-6, True)):
+        graphs = build_correspondence_graphs(a, b, arc_threshold=arc_threshold, terms=terms)
+        nodes = list(zip(graphs.nodes_a[0].tolist(), graphs.nodes_b[0].tolist(), strict=True))
+        (first, second) = nodes.index((0, 0)), nodes.index((1, 1))
+        assert graphs.adjacency[0, first, second].item() is joined
 
 
 def test_a_batch_larger_than_one_chunk_equals_its_members():

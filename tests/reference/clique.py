@@ -24,8 +24,9 @@ def correspondence_graph(
     node_threshold: float,
     arc_threshold: float,
     length_scale: float,
+    power: int = 2,
 ) -> tuple[list[tuple[int, int]], set[frozenset[tuple[int, int]]]]:
-    """Nodes (i, j) and arcs of one pair from (means, covariances) of either mixture, eqs. 9-12 as printed."""
+    """Nodes (i, j) and arcs of one pair from (means, covariances) of either mixture, eqs. 9-12; 2 is eq. 12's power."""
 
     def d_mean(x, i, y, j):
         return np.linalg.norm(x[0][i] - y[0][j]) / length_scale
@@ -37,8 +38,8 @@ def correspondence_graph(
     nodes = [(i, j) for i, j in pairs if max(d_mean(a, i, b, j), d_covariance(a, i, b, j)) < node_threshold]
     arcs = set()
     for (i, j), (k, m) in itertools.combinations(nodes, 2):
-        w_mean = np.sqrt(abs(d_mean(a, i, a, k) ** 2 - d_mean(b, j, b, m) ** 2))
-        w_covariance = np.sqrt(abs(d_covariance(a, i, a, k) ** 2 - d_covariance(b, j, b, m) ** 2))
+        w_mean = np.sqrt(abs(d_mean(a, i, a, k) ** power - d_mean(b, j, b, m) ** power))
+        w_covariance = np.sqrt(abs(d_covariance(a, i, a, k) ** power - d_covariance(b, j, b, m) ** power))
         if i != k and j != m and max(w_mean, w_covariance) <= arc_threshold:
             arcs.add(frozenset([(i, j), (k, m)]))
     return nodes, arcs
