@@ -22,7 +22,10 @@ ConfigFile = Annotated[
 Preset = Annotated[
     str | None,
     typer.Option(
-        "--preset", metavar="NAME", help="Settings to begin with: paper, every choice as the paper's."
+        "--preset",
+        metavar="NAME",
+        help="Settings to begin with: paper, every choice as the paper's; paper_calibrated, its structural "
+        "matching with thresholds found as in its section 3.2.",
     ),
 ]
 Assignments = Annotated[

@@ -37,10 +37,11 @@ PRINTED = (EMD, STRUCTURAL)
 CALIBRATED = Method(
     "structural_calibrated",
     "Str. matching, thresholds found here",
-    _paper("structural_matching"),
+    Config.preset("paper_calibrated"),
     "printed",
 )
-"""Structural matching as printed with thresholds from the printed procedure (section 3.2), see `thresholds`."""
+"""Structural matching as printed with thresholds from the printed procedure (section 3.2), see `thresholds`. Those of
+the preset (`--preset paper_calibrated`) come from all the maps."""
 
 
 def _step(detector: str, **settings: str) -> Config:

@@ -47,6 +47,7 @@ def write_page(path: Path, reproduction: Reproduction, extent: Extent, command: 
         "steps": tables.step_table(outcome.rows),
         "thresholds": tables.threshold_table(reproduction.thresholds),
         "found": reproduction.thresholds,
+        "use": reproduction.thresholds.options,
         "static": tables.case_table(outcome.rows, "static_platform"),
         "with_m3c2": any(row.method == M3C2.key for row in outcome.rows),
         "removal": tables.case_table(outcome.rows, "removal"),

@@ -92,11 +92,23 @@ class Thresholds:
     @property
     def method(self) -> Method:
         """Structural matching as printed, but for these thresholds."""
-        found = {
-            "structural_matching.node_threshold": self.node,
-            "structural_matching.arc_threshold": self.arc,
+        return replace(CALIBRATED, config=CALIBRATED.config.replace(**self._settings))
+
+    @property
+    def options(self) -> str:
+        """What `novelty detect` is given to use them: the preset, and where it has others, these."""
+        preset = "--preset paper_calibrated"
+        if self.method == CALIBRATED:
+            return preset
+        return " ".join([preset, *(f"--set {key}={value:g}" for key, value in self._settings.items())])
+
+    @property
+    def _settings(self) -> dict[str, float]:
+        # Rounded, since steps of 0.1 add up to 8.900000000000002.
+        return {
+            "structural_matching.node_threshold": round(self.node, 6),
+            "structural_matching.arc_threshold": round(self.arc, 6),
         }
-        return replace(CALIBRATED, config=CALIBRATED.config.replace(**found))
 
 
 def find_thresholds(repetitions: int) -> Thresholds:

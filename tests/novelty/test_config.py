@@ -111,6 +111,19 @@ def test_the_preset_of_the_paper_is_what_it_prints():
     assert config.registration.method == config.refine.method == config.visibility.method == "none"
 
 
+def test_the_calibrated_preset_differs_in_thresholds_only():
+    config = Config.preset("paper_calibrated")
+    thresholds = ("structural_matching.node_threshold", 3.5), ("structural_matching.arc_threshold", 1.0)
+    assert config.detector == "structural_matching"
+    assert config.replace(**dict(thresholds)) == Config.preset("paper").replace(
+        detector="structural_matching"
+    )
+    assert (config.structural_matching.node_threshold, config.structural_matching.arc_threshold) == (
+        3.25,
+        8.9,
+    )
+
+
 def test_the_preset_reaches_the_fit(rng):
     points = rng.normal(size=(400, 3)) * (1.0, 1.0, 1e-6)
     batch = prepare_pairs([ScanPair(Scan(points), Scan(points))], Preprocess(outliers="none", ground="none"))

@@ -262,6 +262,19 @@ def test_thresholds_of_least_error_come_from_labelled_maps(monkeypatch):
     )
 
 
+def test_what_was_found_can_be_used():
+    none = np.zeros((0, 0))
+    preset = Config.preset("paper_calibrated").structural_matching
+    found = Thresholds([], preset.node_threshold, preset.arc_threshold + 1e-12, 0.1, none, none)
+    assert found.options == "--preset paper_calibrated"
+    other = dataclasses.replace(found, arc=0.1 + 0.2)
+    assert other.options == (
+        f"--preset paper_calibrated --set structural_matching.node_threshold={found.node:g} "
+        "--set structural_matching.arc_threshold=0.3"
+    )
+    assert other.method.config.structural_matching.arc_threshold == 0.3
+
+
 def test_segmentations_are_those_of_the_first_scans(bench, pairs):
     members = load_experiment("ideal_corridor").pairs()[:2]
     found = Segmentations()
