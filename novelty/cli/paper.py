@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
-from novelty.cli.terminal import command_line, err, out, plain_table, working
+from novelty.cli.terminal import command_line, err, out, working
+
+if TYPE_CHECKING:
+    from novelty.reproduction import Finding
+
+WIDTH = 80
+"""Columns that a verdict and its sentence take at most."""
 
 
 def paper(
@@ -32,11 +39,13 @@ def paper(
     with working("Drawing"):
         write_files(out_folder, found)
         write_page(out_folder / "paper.html", found, extent, command_line())
-    table = plain_table()
-    table.add_column("", no_wrap=True)
-    table.add_column("the paper, and our numbers", overflow="fold")
     for finding in found.findings:
-        numbers = f"printed: {escape(finding.printed)}\nours: {escape(finding.ours)}"
-        table.add_row(f"[bold]{finding.verdict}[/]", f"{escape(finding.claim)}\n[dim]{numbers}[/]")
-    out.print(table)
+        out.print(_line(finding), soft_wrap=True)
     out.print(f"Report: {escape(str(out_folder / 'paper.html'))}", soft_wrap=True)
+
+
+def _line(finding: Finding) -> str:
+    """The verdict (agrees, partly, differs or open) and the sentence of the paper beside it."""
+    verdict, sentence = str(finding.verdict), textwrap.wrap(finding.claim, WIDTH - 9)
+    first, *more = map(escape, sentence)
+    return "\n".join((f"[bold]{verdict:<9}[/]{first}", *(f"{'':9}{line}" for line in more)))

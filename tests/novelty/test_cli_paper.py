@@ -1,5 +1,7 @@
 """`--preset`, and the command that runs the paper's experiments."""
 
+import re
+
 import pytest
 
 from novelty import Config, ConfigError
@@ -54,20 +56,25 @@ def test_the_preset_decides_how_scans_are_compared(tmp_path, capsys, rng):
     assert "moments: centroid" in page
 
 
-def test_paper_prints_every_verdict_with_its_numbers(tmp_path, capsys, monkeypatch):
+def test_paper_prints_every_sentence_with_its_verdict(tmp_path, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
     from types import SimpleNamespace
 
     import novelty.reproduction as reproduction
 
-    told = ("The change is found.", "κ 0.9", "κ 0.8", "κ 0.80 [0.70, 0.90] (> 0.6)")
-    finding = reproduction.Finding(*told, reproduction.Verdict.AGREES)
+    claim = (
+        "What was removed is found with the maps exchanged, [whatever] it was that stood there before (4)."
+    )
+    findings = [
+        reproduction.Finding(f"{number}. {claim}", "κ 0.9", "κ 0.8", "κ 0.80 [0.70, 0.90] (> 0.6)", verdict)
+        for number, verdict in enumerate(reproduction.Verdict)
+    ]
     asked = []
 
     def reproduce(extent, say):
         asked.append(extent)
         say("removal")
-        return SimpleNamespace(findings=[finding])
+        return SimpleNamespace(findings=findings)
 
     monkeypatch.setattr(reproduction, "reproduce", reproduce)
     monkeypatch.setattr(reproduction, "write_files", lambda folder, found: None)
@@ -76,9 +83,10 @@ def test_paper_prints_every_verdict_with_its_numbers(tmp_path, capsys, monkeypat
         main(["paper", "--fast", "--out", str(tmp_path)])
     assert stop.value.code == 0
     assert asked == [reproduction.FAST]
-    shown = capsys.readouterr().out
-    assert all(
-        text in shown
-        for text in ("agrees", "The change is found.", "printed: κ 0.9", "ours: κ 0.8", "paper.html")
-    )
+    *shown, last = capsys.readouterr().out.splitlines()
+    assert [line[:9].rstrip() for line in shown if line[0] != " "] == ["agrees", "partly", "differs", "open"]
+    assert max(map(len, shown)) <= 80
+    told = [" ".join(part.split()) for part in re.split(r"^(?=\S)", "\n".join(shown), flags=re.MULTILINE)[1:]]
+    assert told == [f"{finding.verdict} {finding.claim}" for finding in findings]
+    assert last == f"Report: {tmp_path / 'paper.html'}"
     assert (tmp_path / "paper.html").exists()
