@@ -44,7 +44,7 @@ PAPER_CALIBRATED: dict[str, Any] = {
     "detector": "structural_matching",
     # Section 3.2 on our maps: least probability of error over the 40 labelled ones of `novelty paper`.
     "structural_matching.node_threshold": 3.25,
-    "structural_matching.arc_threshold": 8.9,
+    "structural_matching.arc_threshold": 12.1,
 }
 """Structural matching as the paper prints it, with U_T and U_R found as it finds them, but on our maps."""
 

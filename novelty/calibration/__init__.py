@@ -3,23 +3,19 @@
 from novelty.calibration.crossvalidation import Calibration, calibrate
 from novelty.calibration.fitted import FittedPair, fit_pair, kappa
 from novelty.calibration.grids import GRIDS
-from novelty.calibration.thresholds import (
-    NODE_THRESHOLDS,
-    Pairings,
-    joint_histogram,
-    least_error_thresholds,
-    pairings_of,
-)
+from novelty.calibration.pairings import Pairings, pairings_of
+from novelty.calibration.thresholds import ARC_STEP, NODE_STEP, LeastError, least_error_thresholds
 
 __all__ = [
+    "ARC_STEP",
     "GRIDS",
-    "NODE_THRESHOLDS",
+    "NODE_STEP",
     "Calibration",
     "FittedPair",
+    "LeastError",
     "Pairings",
     "calibrate",
     "fit_pair",
-    "joint_histogram",
     "kappa",
     "least_error_thresholds",
     "pairings_of",

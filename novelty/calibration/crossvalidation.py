@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from novelty.calibration.fitted import FittedPair, kappa
 from novelty.calibration.grids import GRIDS, settings_of
-from novelty.calibration.thresholds import least_error_thresholds, pairings_of
+from novelty.calibration.pairings import pairings_of
+from novelty.calibration.thresholds import least_error_thresholds
 from novelty.config import Config
 from novelty.errors import ConfigError, InputError
 from novelty.evaluation import Interval, bootstrap_interval
@@ -20,7 +21,10 @@ from novelty.evaluation import Interval, bootstrap_interval
 Settings = dict[str, Any]
 """Dotted keys of a configuration and their values."""
 
-Chooser = Callable[[Sequence[int]], Settings]
+Choice = tuple[Settings, tuple[str, ...]]
+"""Settings, and what is to be said of them."""
+
+Chooser = Callable[[Sequence[int]], Choice]
 """From the places of the pairs that may be looked at to the settings that suit them."""
 
 MOST_FOLDS = 10
@@ -40,6 +44,7 @@ class Calibration:
         folds: (P,) the fold of each pair.
         before: (P,) kappa of each pair with the configuration as given.
         after: (P,) kappa of each pair with what was chosen without it.
+        notes: What is to be said of the settings, such as that larger thresholds serve as well.
     """
 
     names: tuple[str, ...]
@@ -48,6 +53,7 @@ class Calibration:
     folds: NDArray[np.int64]
     before: NDArray[np.float64]
     after: NDArray[np.float64]
+    notes: tuple[str, ...] = ()
 
     @property
     def gain(self) -> Interval:
@@ -82,14 +88,16 @@ def calibrate(pairs: Sequence[FittedPair], config: Config, num_folds: int | None
     folds = _folds(len(pairs), num_folds)
     scores = _Scores(pairs, config)
     choose = _chooser(pairs, config, scores)
-    chosen = tuple(choose(np.flatnonzero(folds != fold).tolist()) for fold in range(folds.max() + 1))
+    chosen = tuple(choose(np.flatnonzero(folds != fold).tolist())[0] for fold in range(folds.max() + 1))
+    settings, notes = choose(range(len(pairs)))
     return Calibration(
         names=tuple(fitted.pair.name for fitted in pairs),
-        settings=choose(range(len(pairs))),
+        settings=settings,
         chosen=chosen,
         folds=folds,
         before=np.array([scores.of(row, {}) for row in range(len(pairs))]),
         after=np.array([scores.of(row, chosen[fold]) for row, fold in enumerate(folds.tolist())]),
+        notes=notes,
     )
 
 
@@ -133,7 +141,7 @@ def _chooser(pairs: Sequence[FittedPair], config: Config, scores: _Scores) -> Ch
         raise ConfigError(f"the detector {config.detector!r} has nothing to calibrate; choose from {known}.")
     # The given settings first: among equals `max` takes the first.
     candidates = [_given(config), *settings_of(config.detector)]
-    return lambda rows: max(candidates, key=lambda settings: scores.mean(rows, settings))
+    return lambda rows: (max(candidates, key=lambda settings: scores.mean(rows, settings)), ())
 
 
 def _given(config: Config) -> Settings:
@@ -146,17 +154,17 @@ def _by_least_error(pairs: Sequence[FittedPair], config: Config, scores: _Scores
     """Least probability of error; the given thresholds stay where these have a higher kappa on the same pairs."""
     pairings = [pairings_of(fitted, config.structural_matching) for fitted in pairs]
     given = config.structural_matching
+    stay = _thresholds(given.node_threshold, given.arc_threshold)
 
-    def choose(rows: Sequence[int]) -> Settings:
-        node, arc, _ = least_error_thresholds([pairings[row] for row in rows])
-        thresholds = (
-            (given.node_threshold, given.arc_threshold),
-            (node, arc),
-        )  # `max` takes the first of equals
-        candidates = [
-            {f"{STRUCTURAL}.node_threshold": one, f"{STRUCTURAL}.arc_threshold": other}
-            for one, other in thresholds
-        ]
-        return max(candidates, key=lambda settings: scores.mean(rows, settings))
+    def choose(rows: Sequence[int]) -> Choice:
+        found = least_error_thresholds([pairings[row] for row in rows])
+        learnt = _thresholds(found.node, found.arc)
+        if scores.mean(rows, learnt) > scores.mean(rows, stay):
+            return learnt, found.notes
+        return stay, ()
 
     return choose
+
+
+def _thresholds(node: float, arc: float) -> Settings:
+    return {f"{STRUCTURAL}.node_threshold": node, f"{STRUCTURAL}.arc_threshold": arc}

@@ -1,93 +1,89 @@
 """U_T and U_R of structural matching by the least probability of error (section 3.2; Blanco et al. 2010).
 
-A pairing of a component of one mixture with one of the other is *valid* when both hold unchanged points and the same
-place, and *invalid* when they hold different places. Every pairing has a distance d (eq. 9), and with every valid
-pairing beside it a relative difference delta (eqs. 11-12). Their joint distribution is estimated by histograms, for
-valid (v) and for invalid (w) pairings, taken as equally probable beforehand:
+The joint distribution of distance d and relative difference delta is estimated by histograms, for valid (v) and for
+invalid (w) pairings, taken as equally probable beforehand:
 
     P_err(U_T, U_R) = P(d < U_T, delta < U_R | w) / 2 + (1 - P(d < U_T, delta < U_R | v)) / 2.
+
+Every value up to the largest d and delta that occur is tried: beyond these P_err changes no more, so that the least
+one lies inside.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from gmmtorch import GaussianMixtures, PointClouds
-from gmmtorch.distances import covariance_distance, mean_distance
-from novelty.calibration.fitted import FittedPair
-from novelty.detectors import StructuralMatching
-from novelty.detectors.resolution import blurred, cell_resolution
-from novelty.detectors.scaled_graphs import relative_terms, scaled_mean_distance
+from novelty.calibration.pairings import Pairings
 from novelty.errors import InputError
-from novelty.matching import Components, arc_terms
-from novelty.preprocess import PreparedScans
-from novelty.scan import UNCHANGED, Scan
 
 Array = NDArray[np.float64]
 
-UNCHANGED_SHARE = 0.8
-"""A component is unchanged when at least this share of its points is labelled so."""
+NODE_STEP = 0.25
+"""Step from one value of U_T to the next."""
 
-SAME_PLACE = 0.5
-"""Two components hold the same place when each claims more than this share of the other's points."""
+ARC_STEP = 0.1
+"""Step from one value of U_R to the next."""
 
-NODE_THRESHOLDS = np.linspace(0.25, 10.0, 40)
-"""Values of U_T, the upper edges of the histogram's bins."""
-
-ARC_THRESHOLDS = np.linspace(0.1, 4.0, 40)
-"""Values of U_R."""
+MOST_VALUES = 400
+"""Values of either threshold that are tried at most: up to U_T = 100 and U_R = 40."""
 
 FLAT = 0.005
 """Probabilities of error that differ by less than this are the same."""
 
 
 @dataclass(frozen=True, eq=False)
-class Pairings:
-    """Distance d and relative difference delta, one row (d, delta) per pairing and valid pairing beside it.
+class ThresholdGrid:
+    """The values that are tried: the upper edges of the histograms' bins.
 
     Attributes:
-        valid: (V, 2).
-        invalid: (W, 2).
+        node: Of U_T (T,).
+        arc: Of U_R (R,).
+        complete: Whether they reach beyond the largest d, and beyond the largest delta.
     """
 
+    node: Array
+    arc: Array
+    complete: tuple[bool, bool]
+
+    def histogram(self, rows: Array) -> Array:
+        """Share of the rows (n, 2) in each bin of d and delta (T, R)."""
+        edges = (np.insert(self.node, 0, 0.0), np.insert(self.arc, 0, 0.0))
+        histogram, _, _ = np.histogram2d(rows[:, 0], rows[:, 1], bins=edges)
+        return histogram / max(len(rows), 1)
+
+
+@dataclass(frozen=True, eq=False)
+class LeastError:
+    """U_T and U_R of the least probability of error.
+
+    Attributes:
+        node: U_T.
+        arc: U_R.
+        error: P_err at these.
+        grid: The values that were tried.
+        valid: Joint histogram of d and delta of valid pairings (T, R), every pair of scans with the same weight.
+        invalid: The same of invalid pairings.
+        notes: Where larger values err as little, or where the largest value tried errs least: what to do.
+    """
+
+    node: float
+    arc: float
+    error: float
+    grid: ThresholdGrid
     valid: Array
     invalid: Array
+    notes: tuple[str, ...]
 
 
-def pairings_of(fitted: FittedPair, detector: StructuralMatching) -> Pairings:
-    """The pairings of one labelled pair, under the detector's own distances."""
-    a, b = _components(fitted, detector)
-    means = _mean_distances(detector)
-    table = torch.maximum(means(a, b), covariance_distance(a.covariances, b.covariances))[0].numpy()
-    valid, invalid = _judged(fitted)
-    differences = np.maximum(
-        _differences(means(a, a), means(b, b), valid, detector),
-        _differences(
-            covariance_distance(a.covariances, a.covariances),
-            covariance_distance(b.covariances, b.covariances),
-            valid,
-            detector,
-        ),
-    )  # (K, K', V): of every pairing to every valid one
-    rows = np.stack(np.broadcast_arrays(table[..., None], differences), axis=-1)
-    beside = _beside(table.shape, valid)
-    return Pairings(rows[valid[..., None] & beside], rows[invalid[..., None] & beside])
-
-
-def least_error_thresholds(
-    pairs: Sequence[Pairings], arc_thresholds: Array = ARC_THRESHOLDS
-) -> tuple[float, float, float]:
-    """U_T, U_R and their P_err; every pair of scans weighs the same, whatever the number of its components.
+def least_error_thresholds(pairs: Sequence[Pairings]) -> LeastError:
+    """U_T and U_R; every pair of scans weighs the same, whatever the number of its components.
 
     Args:
         pairs: The pairings of labelled pairs of scans.
-        arc_thresholds: Values of U_R that are tried, evenly spaced from one step on.
 
     Raises:
         InputError: No pair has both valid and invalid pairings.
@@ -98,92 +94,57 @@ def least_error_thresholds(
             "no two components of a pair hold the same unchanged place, so that U_T and U_R cannot be learnt; "
             "check that the scans of each pair lie in one frame and that label 0 marks unchanged points."
         )
-    valid = np.mean([_below(pairings.valid, arc_thresholds) for pairings in usable], axis=0)
-    invalid = np.mean([_below(pairings.invalid, arc_thresholds) for pairings in usable], axis=0)
-    error = (invalid + 1 - valid) / 2
+    grid = _grid_over(usable)
+    valid = _mean([grid.histogram(pairings.valid) for pairings in usable])
+    invalid = _mean([grid.histogram(pairings.invalid) for pairings in usable])
+    error = (_below(invalid) + 1 - _below(valid)) / 2
     # The middle of the flat bottom: its edge, the first minimum, would fit these pairs and no others.
-    bottom = np.argwhere(error <= error.min() + FLAT)
+    least = error <= error.min() + FLAT
+    bottom = np.argwhere(least)
     node, arc = bottom[np.argmin(np.linalg.norm(bottom - bottom.mean(axis=0), axis=1))]
-    return float(NODE_THRESHOLDS[node]), float(arc_thresholds[arc]), float(error[node, arc])
-
-
-def joint_histogram(rows: Array, arc_thresholds: Array = ARC_THRESHOLDS) -> Array:
-    """Share of the rows (n, 2) in each bin of d and delta, whose upper edges are the thresholds that are tried."""
-    edges = (np.insert(NODE_THRESHOLDS, 0, 0.0), np.insert(arc_thresholds, 0, 0.0))
-    histogram, _, _ = np.histogram2d(rows[:, 0], rows[:, 1], bins=edges)
-    return histogram / max(len(rows), 1)
-
-
-def _below(rows: Array, arc_thresholds: Array) -> Array:
-    """P(d < U_T, delta < U_R) on the grid of thresholds."""
-    return joint_histogram(rows, arc_thresholds).cumsum(axis=0).cumsum(axis=1)
-
-
-def _components(fitted: FittedPair, detector: StructuralMatching) -> tuple[Components, Components]:
-    """The components of the current and of the reference mixture as the detector compares them."""
-    resolution = cell_resolution(fitted.batch)
-    if detector.resolution_floor == "none":
-        resolution = torch.zeros_like(resolution)
-
-    def floored(mixtures: GaussianMixtures) -> Components:
-        return Components(mixtures.weights, mixtures.means, blurred(mixtures.covariances, resolution))
-
-    return floored(fitted.models.current.mixtures), floored(fitted.models.reference.mixtures)
-
-
-def _mean_distances(detector: StructuralMatching) -> Callable[[Components, Components], Tensor]:
-    """The distance between means that the detector's scale asks for."""
-    if detector.scale == "component":
-        return scaled_mean_distance
-    return lambda a, b: mean_distance(a.means, b.means) / detector.length_scale
-
-
-def _differences(
-    inner_a: Tensor, inner_b: Tensor, valid: NDArray[np.bool_], detector: StructuralMatching
-) -> Array:
-    """Eq. 12 of every pairing (i, j) with every valid pairing (k, l): (K, K', V)."""
-    rows, columns = np.nonzero(valid)
-    first = arc_terms(inner_a[0], detector.arc_terms)[:, None, rows]
-    second = arc_terms(inner_b[0], detector.arc_terms)[None, :, columns]
-    squared = relative_terms(first, second) if detector.scale == "component" else (first - second).abs()
-    return squared.sqrt().numpy()
-
-
-def _beside(shape: tuple[int, ...], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether a pairing shares no component with a valid one (K, K', V)."""
-    rows, columns = np.nonzero(valid)
-    other_row = np.arange(shape[0])[:, None, None] != rows
-    other_column = np.arange(shape[1])[None, :, None] != columns
-    return other_row & other_column
-
-
-def _judged(fitted: FittedPair) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which pairings (K, K') are valid, and which are invalid; what shares a place in part is neither."""
-    current, reference = fitted.models.current.mixtures, fitted.models.reference.mixtures
-    forth = _claimed(fitted.batch.current.cells, current, reference)
-    back = _claimed(fitted.batch.reference.cells, reference, current).T
-    exists = np.outer(current.mask[0].numpy(), reference.mask[0].numpy())
-    unchanged = np.outer(
-        _unchanged(fitted.pair.current, fitted.batch.current, current),
-        _unchanged(fitted.pair.reference, fitted.batch.reference, reference),
+    notes = (
+        *_notes("U_T", grid.node, least[:, arc], grid.complete[0]),
+        *_notes("U_R", grid.arc, least[node], grid.complete[1]),
     )
-    valid = exists & unchanged & (np.minimum(forth, back) > SAME_PLACE)
-    invalid = exists & (np.maximum(forth, back) < 1 - SAME_PLACE)
-    return valid, invalid
+    return LeastError(
+        float(grid.node[node]), float(grid.arc[arc]), float(error[node, arc]), grid, valid, invalid, notes
+    )
 
 
-def _claimed(cells: PointClouds, own: GaussianMixtures, other: GaussianMixtures) -> Array:
-    """Share of the points of each own component that each component of the other mixture claims (K, K')."""
-    held = own.responsibilities(cells) * cells.weights[:, None]
-    shared = held.T @ other.responsibilities(cells)
-    return (shared / held.sum(0)[:, None].clamp_min(torch.finfo(held.dtype).tiny)).numpy()
+def _grid_over(pairs: Sequence[Pairings]) -> ThresholdGrid:
+    """Values up to the first one above everything that occurs, or as many as are tried at most."""
+    largest = np.max(
+        [rows.max(axis=0) for pairings in pairs for rows in (pairings.valid, pairings.invalid)], axis=0
+    )
+    wanted = [int(value // step) + 1 for value, step in zip(largest, (NODE_STEP, ARC_STEP), strict=True)]
+    node, arc = (
+        np.round(step * np.arange(1, min(count, MOST_VALUES) + 1), 6)
+        for count, step in zip(wanted, (NODE_STEP, ARC_STEP), strict=True)
+    )
+    return ThresholdGrid(node, arc, (wanted[0] <= MOST_VALUES, wanted[1] <= MOST_VALUES))
 
 
-def _unchanged(scan: Scan, prepared: PreparedScans, mixtures: GaussianMixtures) -> NDArray[np.bool_]:
-    """Whether the labelled points of each component (K,) are unchanged."""
-    assert scan.labels is not None  # checked before the fit
-    slots = mixtures.num_slots
-    owner = mixtures.assign(prepared.points).numpy()
-    stayed = scan.labels[prepared.kept[0]] == UNCHANGED
-    counts = np.bincount(owner, minlength=slots)
-    return np.bincount(owner, stayed, minlength=slots) >= UNCHANGED_SHARE * np.maximum(counts, 1)
+def _mean(histograms: Sequence[Array]) -> Array:
+    return np.mean(histograms, axis=0)
+
+
+def _below(histogram: Array) -> Array:
+    """P(d < U_T, delta < U_R) on the grid of thresholds."""
+    return histogram.cumsum(axis=0).cumsum(axis=1)
+
+
+def _notes(name: str, values: Array, least: NDArray[np.bool_], complete: bool) -> tuple[str, ...]:
+    """What to say of a threshold whose largest value tried is among those of least error (T,), the other one fixed."""
+    if not least[-1]:
+        return ()
+    if not complete:
+        return (
+            f"{name}: the largest value tried, {values[-1]:g}, errs least; check the unit of the scans, or let metres "
+            "weigh less by `structural_matching.length_scale`.",
+        )
+    above = np.flatnonzero(~least)
+    first = values[above[-1] + 1] if len(above) else values[0]
+    return (
+        f"{name}: every value from {first:g} on errs as little on these pairs, where this constraint tells no wrong "
+        "pairing from a right one; pairs with other changes may need a smaller value.",
+    )

@@ -113,6 +113,8 @@ def _show(found: Calibration, config: Config) -> None:
     for key, value in found.settings.items():
         section, name = key.split(".")
         out.print(f"  {key}: {_short(value)} (was {_short(given[section][name])})")
+    for note in found.notes:
+        out.print(f"Note: {escape(note)}")
 
 
 def _mean(values: object) -> float:

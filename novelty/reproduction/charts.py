@@ -15,7 +15,7 @@ from novelty.reproduction.printed import BEST_ORDERS
 from novelty.reproduction.rows import Row, interval, matching, order_curve
 from novelty.reproduction.sensitivity import BOX_SIZE, SELECTED, VIEWPOINT, default_method
 from novelty.reproduction.simplification import SimplificationRow
-from novelty.reproduction.thresholds import Thresholds, bins
+from novelty.reproduction.thresholds import Thresholds
 
 Chart = dict[str, Any]
 
@@ -70,7 +70,7 @@ def threshold_charts(found: Thresholds) -> dict[str, Chart]:
 
 
 def _histogram_chart(found: Thresholds, shares: NDArray[np.float64], title: str) -> Chart:
-    node, arc = bins()
+    node, arc = found.bins
     printed = STRUCTURAL.config.structural_matching
     heat = {
         "type": "heatmap",

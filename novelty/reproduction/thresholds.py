@@ -6,18 +6,18 @@ everything as printed, with the thresholds that the printed procedure gives for 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from novelty.calibration import (
-    NODE_THRESHOLDS,
+    ARC_STEP,
+    NODE_STEP,
     FittedPair,
     Pairings,
     fit_pair,
-    joint_histogram,
     least_error_thresholds,
     pairings_of,
 )
@@ -31,9 +31,6 @@ TRAINING = ("static_platform", "mobile_platform", "removal", "ideal_corridor")
 
 TRAINING_SEED = 0
 """Of the first repetition."""
-
-ARC_THRESHOLDS = np.linspace(0.1, 10.0, 100)
-"""Values of U_R that are tried: in metres and natural logarithms, differences are larger than `calibrate` looks for."""
 
 NO_LENGTH = 1e9
 """A length scale at which metres weigh nothing, so that eqs. 9 and 12 speak of shapes only, m."""
@@ -78,8 +75,9 @@ class Thresholds:
         node: U_T.
         arc: U_R.
         error: P_err at these.
-        valid: Joint histogram of d and delta of valid pairings (40, 100), every pair of maps with the same weight.
+        valid: Joint histogram of d and delta of valid pairings (T, R), every pair of maps with the same weight.
         invalid: The same of invalid pairings.
+        notes: Where other values err as little.
     """
 
     rows: list[ThresholdRow]
@@ -88,6 +86,13 @@ class Thresholds:
     error: float
     valid: Array
     invalid: Array
+    notes: tuple[str, ...] = ()
+
+    @property
+    def bins(self) -> tuple[Array, Array]:
+        """Centres of the bins of d (T,) and of delta (R,)."""
+        nodes, arcs = self.valid.shape
+        return np.arange(0.5, nodes) * NODE_STEP, np.arange(0.5, arcs) * ARC_STEP
 
     @property
     def method(self) -> Method:
@@ -104,10 +109,9 @@ class Thresholds:
 
     @property
     def _settings(self) -> dict[str, float]:
-        # Rounded, since steps of 0.1 add up to 8.900000000000002.
         return {
-            "structural_matching.node_threshold": round(self.node, 6),
-            "structural_matching.arc_threshold": round(self.arc, 6),
+            "structural_matching.node_threshold": self.node,
+            "structural_matching.arc_threshold": self.arc,
         }
 
 
@@ -127,16 +131,8 @@ def find_thresholds(repetitions: int) -> Thresholds:
             continue
         pairings.append(pairings_of(fitted, config.structural_matching))
         rows.append(_row(member, fitted, config, pairings[-1]))
-    node, arc, error = least_error_thresholds(pairings, ARC_THRESHOLDS)
-    usable = [found for found in pairings if len(found.valid) and len(found.invalid)]
-    return Thresholds(
-        rows,
-        node,
-        arc,
-        error,
-        _mean_histogram([p.valid for p in usable]),
-        _mean_histogram([p.invalid for p in usable]),
-    )
+    found = least_error_thresholds(pairings)
+    return Thresholds(rows, found.node, found.arc, found.error, found.valid, found.invalid, found.notes)
 
 
 def _training(repetitions: int) -> Iterator[tuple[ExperimentPair, Analysis]]:
@@ -168,12 +164,3 @@ def _within(rows: Array, limits: tuple[float, float]) -> NDArray[np.bool_]:
 
 def _share(held: NDArray[np.bool_]) -> float:
     return float(held.mean()) if len(held) else float("nan")
-
-
-def _mean_histogram(rows: Sequence[Array]) -> Array:
-    return np.mean([joint_histogram(part, ARC_THRESHOLDS) for part in rows], axis=0)
-
-
-def bins() -> tuple[Array, Array]:
-    """Centres of the bins of d (40,) and of delta (100,)."""
-    return NODE_THRESHOLDS - NODE_THRESHOLDS[0] / 2, ARC_THRESHOLDS - ARC_THRESHOLDS[0] / 2

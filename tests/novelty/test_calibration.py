@@ -1,5 +1,7 @@
 """Calibration: thresholds of least error, settings chosen on folds, and the command."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -12,11 +14,12 @@ from novelty.calibration import (
     fit_pair,
     kappa,
     least_error_thresholds,
+    pairings,
     pairings_of,
-    thresholds,
 )
 from novelty.calibration.grids import GRIDS, settings_of
 from novelty.cli.app import main
+from novelty.cli.calibrate import _show as show_calibration
 from novelty.config import baseline_names, detector_names
 from novelty.config_yaml import changed_yaml
 from novelty.io import write_ply
@@ -68,21 +71,71 @@ def test_kappa_of_a_fitted_pair_is_that_of_detect(pairs, fitted):
 def test_thresholds_agree_with_counting(rng):
     valid = rng.gamma(2.0, (0.5, 0.2), (300, 2))
     invalid = rng.gamma(4.0, (1.5, 0.6), (500, 2))
-    node, arc, error = least_error_thresholds([Pairings(valid, invalid)])
-    assert error == pytest.approx(p_err(valid, invalid, node, arc), abs=1e-12)
+    found = least_error_thresholds([Pairings(valid, invalid)])
+    assert found.error == pytest.approx(p_err(valid, invalid, found.node, found.arc), abs=1e-12)
     others = [
         p_err(valid, invalid, u, r) for u in np.arange(0.25, 10.1, 0.25) for r in np.arange(0.1, 4.05, 0.1)
     ]
-    assert error <= min(others) + 0.005
+    assert found.error <= min(others) + 0.005
 
 
 def test_separable_pairings_are_separated():
     valid, invalid = np.full((20, 2), (1.0, 0.3)), np.full((20, 2), (6.0, 3.0))
-    node, arc, error = least_error_thresholds([Pairings(valid, invalid)])
-    assert error == 0
-    assert node > 1
-    assert arc > 0.3
-    assert node < 6 or arc < 3
+    found = least_error_thresholds([Pairings(valid, invalid)])
+    assert found.error == 0
+    assert found.node > 1
+    assert found.arc > 0.3
+    assert found.node < 6 or found.arc < 3
+
+
+def test_thresholds_are_looked_for_as_far_as_differences_go(rng):
+    # In metres and logarithms, differences of right pairings reach 8, twice what was once the largest value tried.
+    valid = np.column_stack([rng.uniform(0, 3, 400), rng.uniform(2, 8, 400)])
+    invalid = np.column_stack([rng.uniform(0, 3, 400), rng.uniform(9, 16, 400)])
+    found = least_error_thresholds([Pairings(valid, invalid)])
+    assert 7.9 < found.arc < 9.2
+    assert (
+        found.error
+        == pytest.approx(p_err(valid, invalid, found.node, found.arc))
+        == pytest.approx(0, abs=0.006)
+    )
+    assert found.grid.arc[-1] == pytest.approx(invalid[:, 1].max(), abs=0.1)
+    assert not any(note.startswith("U_R") for note in found.notes)
+
+
+def test_a_threshold_that_decides_nothing_is_told(rng):
+    # Differences of right and of wrong pairings are alike: up to 5 U_R rejects right ones, from there on none.
+    delta = np.linspace(0.05, 5.0, 400)
+    valid = np.column_stack([np.full(400, 1.0), delta])
+    invalid = np.column_stack([np.full(400, 6.0), delta])
+    (note,) = least_error_thresholds([Pairings(valid, invalid)]).notes
+    assert "U_R: every value from 5 on" in note
+
+
+def test_the_largest_value_that_is_tried_is_told():
+    valid = np.column_stack([np.full(200, 1.0), np.linspace(1.0, 400.0, 200)])
+    invalid = np.column_stack([np.full(200, 6.0), np.linspace(1.0, 900.0, 200)])
+    found = least_error_thresholds([Pairings(valid, invalid)])
+    assert found.grid.arc[-1] == 40
+    (note,) = found.notes
+    assert "U_R: the largest value tried, 40, errs least" in note
+    assert "length_scale" in note
+
+
+def test_calibration_passes_on_what_is_to_be_said(structural, monkeypatch, capsys):
+    config, fitted = structural
+    least = least_error_thresholds([pairings_of(pair, config.structural_matching) for pair in fitted])
+    for better, notes in ((least.arc, least.notes), (config.structural_matching.arc_threshold, ())):
+        monkeypatch.setattr(
+            "novelty.calibration.crossvalidation.kappa",
+            lambda pair, config, better=better: float(config.structural_matching.arc_threshold == better),
+        )
+        found = calibrate(fitted, config)
+        assert found.settings["structural_matching.arc_threshold"] == better
+        assert found.notes == notes
+    assert least.notes  # in units of the components, no difference is so large that a pairing is wrong
+    show_calibration(replace(found, notes=("U_R: [any] value does.",)), config)
+    assert "Note: U_R: [any] value does." in capsys.readouterr().out
 
 
 def test_thresholds_need_pairings():
@@ -93,10 +146,10 @@ def test_thresholds_need_pairings():
 
 def test_valid_pairings_are_nearer_than_invalid_ones(structural):
     config, fitted = structural
-    pairings = pairings_of(fitted[0], config.structural_matching)
-    assert len(pairings.valid) > 20
-    assert np.median(pairings.valid[:, 0]) < 0.2 * np.median(pairings.invalid[:, 0])
-    assert np.median(pairings.valid[:, 1]) < np.median(pairings.invalid[:, 1])
+    found = pairings_of(fitted[0], config.structural_matching)
+    assert len(found.valid) > 20
+    assert np.median(found.valid[:, 0]) < 0.2 * np.median(found.invalid[:, 0])
+    assert np.median(found.valid[:, 1]) < np.median(found.invalid[:, 1])
 
 
 @pytest.mark.parametrize("terms", ["squared", "plain"])
@@ -111,9 +164,9 @@ def test_differences_are_those_of_the_graphs(structural, scale, terms):
             "structural_matching.arc_threshold": 0.5,
         }
     ).structural_matching
-    sides = thresholds._components(fitted[0], detector)
+    sides = pairings._components(fitted[0], detector)
     graphs = detector._graphs(*sides)
-    valid, _ = thresholds._judged(fitted[0])
+    valid, _ = pairings._judged(fitted[0])
     delta = pairings_of(fitted[0], detector).valid[:, 1]
     # Every arc between two valid nodes, in both directions, is a valid pairing that has a valid one beside it.
     is_valid = torch.from_numpy(valid)[graphs.nodes_a[0], graphs.nodes_b[0]]

@@ -120,7 +120,7 @@ def test_the_calibrated_preset_differs_in_thresholds_only():
     )
     assert (config.structural_matching.node_threshold, config.structural_matching.arc_threshold) == (
         3.25,
-        8.9,
+        12.1,
     )
 
 

@@ -24,7 +24,7 @@ from novelty.reproduction.scoring import Outcome, SimulatedCase, best_choice, ru
 from novelty.reproduction.segmentation import TITLES, SegmentationRow, Segmentations, segment_case
 from novelty.reproduction.simplification import run_simplification
 from novelty.reproduction.tables import METHODS, spanned, step_table, table_2
-from novelty.reproduction.thresholds import ThresholdRow, Thresholds, bins, find_thresholds
+from novelty.reproduction.thresholds import ThresholdRow, Thresholds, find_thresholds
 from novelty.reproduction.workbench import Workbench
 from novelty.scan import CHANGED
 from novelty.simulation.experiments import load_experiment
@@ -253,7 +253,7 @@ def test_thresholds_of_least_error_come_from_labelled_maps(monkeypatch):
         assert row.valid_pairings >= 2
         assert found.error <= row.error + 0.2
     # What is let pass at the thresholds found is the corner of the histograms.
-    node, arc = (np.searchsorted(*ends) for ends in zip(bins(), (found.node, found.arc), strict=True))
+    node, arc = (np.searchsorted(*ends) for ends in zip(found.bins, (found.node, found.arc), strict=True))
     corner = [histogram[:node, :arc].sum() for histogram in (found.valid, found.invalid)]
     assert found.error == pytest.approx((corner[1] + 1 - corner[0]) / 2)
     assert (found.method.config.structural_matching.node_threshold, found.method.mixtures) == (
@@ -265,9 +265,9 @@ def test_thresholds_of_least_error_come_from_labelled_maps(monkeypatch):
 def test_what_was_found_can_be_used():
     none = np.zeros((0, 0))
     preset = Config.preset("paper_calibrated").structural_matching
-    found = Thresholds([], preset.node_threshold, preset.arc_threshold + 1e-12, 0.1, none, none)
+    found = Thresholds([], preset.node_threshold, preset.arc_threshold, 0.1, none, none)
     assert found.options == "--preset paper_calibrated"
-    other = dataclasses.replace(found, arc=0.1 + 0.2)
+    other = dataclasses.replace(found, arc=0.3)
     assert other.options == (
         f"--preset paper_calibrated --set structural_matching.node_threshold={found.node:g} "
         "--set structural_matching.arc_threshold=0.3"
