@@ -62,7 +62,7 @@ class DisparityRanging(Ranging):
     """Structured light: depth z from disparity d = f b / z, with Gaussian noise and rounding of d.
 
     Random error and step of the depth both grow with z^2, as derived by Khoshelham & Oude Elberink,
-    Sensors 12 (2012) 1437, eqs. 10-13.
+    Sensors 12 (2012) 1437.
 
     Attributes:
         focal_length: f, pixels.
