@@ -7,6 +7,8 @@ from typing import Any
 PAPER: dict[str, Any] = {
     "detector": "greedy_emd",
     "max_components": 20,
+    # Section 2.2: Rusu's outliers, which are those of the whole scan.
+    "preprocess.outliers": "statistical",
     # Section 2.3: a point of the simplified cloud is a point; Bouman's floor; one start, evenly spaced in scan order.
     "fit.moments": "centroid",
     "fit.initializer": "evenly_spaced",

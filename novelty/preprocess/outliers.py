@@ -40,7 +40,8 @@ def _usual_there(points: NDArray[np.float64], neighbors: int, ratio: float) -> N
     distances, rows = tree.query(centred, k=neighbors + 1, workers=-1)  # the first is the point itself
     apart = distances[:, 1:].mean(axis=1)
     usual = np.median(apart[rows[:, 1:]], axis=1)
-    return (apart <= ratio * usual) | (usual == 0)  # nothing is usual where most points coincide
+    usual = np.where(usual > 0, usual, np.median(apart))  # the neighbours coincide
+    return (apart <= ratio * usual) | (usual == 0)
 
 
 def _usual_anywhere(points: NDArray[np.float64], neighbors: int, std_ratio: float) -> NDArray[np.bool_]:

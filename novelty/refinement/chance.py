@@ -12,7 +12,7 @@ import torch
 
 from novelty.clusters import novel_clusters
 from novelty.preprocess import PreparedScans
-from novelty.refinement.surface import cells_of_members, random_halves, surface_distances
+from novelty.refinement.surface import cells_of_members, drawn, surface_distances
 
 IN_FULL = 2
 """A scan has this many times the points of its half."""
@@ -34,7 +34,7 @@ def chance_group_sizes(
     if not rows:
         return sizes
     chosen = scans.select(rows)
-    half = random_halves(chosen.points)
+    half = drawn(chosen.points, chosen.cell_of_point, one_in=2)
     cells = cells_of_members(chosen.points, chosen.cell_of_point, half)
     distances = surface_distances(chosen.points, cells, resolution[rows])
     off = (distances > threshold[rows][chosen.points.cloud_index]) & ~half

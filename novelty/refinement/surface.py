@@ -110,8 +110,7 @@ def own_quantile(
 ) -> torch.Tensor:
     """Squared distance that a share of a scan's points keep from a surface they had no part in, float64 (B,).
 
-    Half of the points, drawn at random, make the cells and the others are measured against them, so that no point
-    vouches for itself. (Every second point will not do: in the order of a spinning lidar that is every second beam.)
+    A quarter of the points is measured against cells that the others make, so that no point vouches for itself.
 
     Args:
         points: B clouds of points, m.
@@ -122,19 +121,29 @@ def own_quantile(
     Returns:
         The quantile; NaN for a cloud of fewer than two points.
     """
-    half = random_halves(points)
-    cells = cells_of_members(points, cell_of_point, half)
-    others = _sample(points, ~half)
+    held_out = drawn(points, cell_of_point, one_in=4)
+    cells = cells_of_members(points, cell_of_point, ~held_out)
+    others = _sample(points, held_out)
     distances = others.split(surface_distances(others, cells, resolution))
     return torch.stack(
         [part.quantile(share) if len(part) else part.new_tensor(torch.nan) for part in distances]
     )
 
 
-def random_halves(points: PointClouds) -> torch.Tensor:
-    """A random half of every cloud, the same whatever else is in the batch, bool (N,)."""
-    draws = (torch.rand(size, generator=torch.Generator().manual_seed(size)) for size in points.sizes)
-    return torch.cat(list(draws)) < 0.5
+def drawn(points: PointClouds, cell_of_point: torch.Tensor, one_in: int) -> torch.Tensor:
+    """One in so many points of every cell at random, the same whatever else is in the batch, bool (N,).
+
+    Every second point, say, will not do: in the order of a spinning lidar that is every second beam.
+    """
+    return torch.cat([_drawn(cells, one_in) for cells in points.split(cell_of_point)])
+
+
+def _drawn(cells: torch.Tensor, one_in: int) -> torch.Tensor:
+    shuffled = torch.randperm(len(cells), generator=torch.Generator().manual_seed(len(cells)))
+    by_cell = shuffled[cells[shuffled].argsort(stable=True)]
+    chosen = torch.zeros(len(cells), dtype=torch.bool)
+    chosen[by_cell[::one_in]] = True
+    return chosen
 
 
 def cells_of_members(points: PointClouds, cell_of_point: torch.Tensor, members: torch.Tensor) -> PointClouds:

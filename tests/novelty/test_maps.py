@@ -64,7 +64,7 @@ class TestDetectAgainst:
         with_map = novelty.detect_against(scene_map, place["B"])
         wanted = kappa(place["B"], with_scan.added.point_labels)
         assert wanted > 0.9
-        assert kappa(place["B"], with_map.added.point_labels) == pytest.approx(wanted, abs=0.02)
+        assert kappa(place["B"], with_map.added.point_labels) == pytest.approx(wanted, abs=0.03)
         assert len(with_map.added.objects) == len(with_scan.added.objects)
         assert len(with_map.removed.objects) == len(with_scan.removed.objects) > 0
 

@@ -79,12 +79,13 @@ def test_an_empty_other_scan_is_infinitely_far():
     assert torch.isinf(surface_distances(PointClouds.from_list([wall(1)]), empty, torch.tensor([0.1]))).all()
 
 
-@pytest.mark.parametrize("share", [0.5, 0.9, 0.99])
-def test_a_scans_own_distances_follow_the_share_asked_for(share):
+@pytest.mark.parametrize(("share", "within"), [(0.5, 0.15), (0.9, 0.08), (0.99, 0.02)])
+def test_a_scans_own_distances_follow_the_share_asked_for(share, within):
+    """Cells of three quarters of the points are a little smaller, so that the distances are a little larger."""
     scan = prepared(wall(3))
     quantile = float(own_quantile(scan.points, scan.cell_of_point, torch.tensor([SPACING]), share))
     again = surface_distances(PointClouds.from_list([wall(4)]), scan.cells, torch.tensor([SPACING]))
-    assert abs(float((again <= quantile).double().mean()) - share) < 0.1
+    assert abs(float((again <= quantile).double().mean()) - share) < within
 
 
 def test_refinement_finds_what_shares_a_component_with_a_wall():
