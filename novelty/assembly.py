@@ -143,7 +143,7 @@ def _change(row: int, scan: Scan, side: _Side, metres: float) -> Change:
     states = scatter(side.points.states, int(PointState.NOT_EXAMINED))
     point_components = scatter(side.points.components, -1)
     point_scores = scatter(side.points.scores, np.nan)
-    point_p_values = scatter(_point_p_values(side), np.nan)
+    point_p_values = scatter(side.points.p_values, np.nan)
     components = _component_records(row, side, metres)
     point_objects = number_objects(scatter(side.groups, -1))
     return Change(
@@ -165,16 +165,6 @@ def _change(row: int, scan: Scan, side: _Side, metres: float) -> Change:
             side.kind,
         ),
     )
-
-
-def _point_p_values(side: _Side) -> torch.Tensor:
-    """P-values of the packed points (N,): their own, those of their components, or NaN."""
-    novelty = side.novelty
-    if isinstance(novelty, PointNovelty) or novelty.p_values is None:
-        return torch.full_like(side.points.scores, torch.nan)
-    if novelty.point_p_values is not None:
-        return novelty.point_p_values
-    return novelty.p_values[side.scans.points.cloud_index, side.points.components]
 
 
 def _component_records(row: int, side: _Side, metres: float) -> tuple[ComponentRecord, ...]:

@@ -106,9 +106,10 @@ class Change:
     Attributes:
         point_labels: bool (N,), True for the states NOVEL and MOVED.
         point_scores: float64 (N,), higher = more novel; NaN where not examined.
-        point_p_values: float64 (N,), probability of a score at least as high without any change; of a detector that
-            judges components alone, that of the point's component. NaN where not examined, or where the detector has
-            no null distribution.
+        point_p_values: float64 (N,), probability of a score at least as high without any change. Of refined labels,
+            which are scored by the distance from the other scan's surface, by the distances that the scan's own points
+            keep from surfaces they had no part in; without refinement the detector's, of the point or its component.
+            NaN where not examined, or where the detector has no null distribution.
         point_states: uint8 (N,), see `PointState`.
         point_components: int64 (N,), most probable component, -1 where not examined or judged without components.
         point_objects: int64 (N,), object that each point belongs to, -1 for points that are not novel.

@@ -40,6 +40,7 @@ class SegmentedPoints:
     Attributes:
         states: uint8 (N,), see `PointState`.
         scores: float64 (N,), higher = more novel.
+        p_values: float64 (N,), probability of a score at least as high without any change; NaN where not known.
         components: int64 (N,), argmax_k of the responsibilities, -1 where points were judged without components.
         overlaps: float64 (B, K, K), sum_n r_nk r_nl / min(sum_n r_nk, sum_n r_nl): what two components share.
         counts: int64 (B, K), points whose most probable component is k.
@@ -47,6 +48,7 @@ class SegmentedPoints:
 
     states: torch.Tensor
     scores: torch.Tensor
+    p_values: torch.Tensor
     components: torch.Tensor
     overlaps: torch.Tensor
     counts: torch.Tensor
@@ -73,6 +75,7 @@ def segment_points(
     return SegmentedPoints(
         states=states_of(labels),
         scores=novelty.scores[owner, components] if scores is None else scores,
+        p_values=_p_values(novelty, owner, components),
         components=components,
         overlaps=_overlaps(points, responsibilities),
         counts=_counts(owner, components, mixtures),
@@ -85,6 +88,7 @@ def label_points(points: PointClouds, novelty: PointNovelty) -> SegmentedPoints:
     return SegmentedPoints(
         states=states_of(novelty.novel),
         scores=novelty.scores,
+        p_values=torch.full_like(novelty.scores, torch.nan),
         components=torch.full(novelty.novel.shape, -1),
         overlaps=none[:, :, None],
         counts=none.long(),
@@ -94,6 +98,15 @@ def label_points(points: PointClouds, novelty: PointNovelty) -> SegmentedPoints:
 def states_of(labels: torch.Tensor) -> torch.Tensor:
     """`PointState` NOVEL where True, UNCHANGED elsewhere, uint8 (N,)."""
     return torch.where(labels, int(PointState.NOVEL), int(PointState.UNCHANGED)).to(torch.uint8)
+
+
+def _p_values(novelty: ComponentNovelty, owner: torch.Tensor, components: torch.Tensor) -> torch.Tensor:
+    """P-values of points (N,): their own, those of their components, or NaN."""
+    if novelty.point_p_values is not None:
+        return novelty.point_p_values
+    if novelty.p_values is not None:
+        return novelty.p_values[owner, components]
+    return torch.full(owner.shape, torch.nan, dtype=novelty.scores.dtype)
 
 
 def _overlaps(points: PointClouds, responsibilities: torch.Tensor) -> torch.Tensor:

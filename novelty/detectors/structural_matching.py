@@ -52,7 +52,7 @@ class StructuralMatching(Detector):
         description="U_T: two components may match below this distance (eq. 9); the paper's metres ask for 3.5.",
     )
     arc_threshold: float = Field(
-        default=1.5,
+        default=1.0,
         gt=0,
         description="U_R: two matches may hold together up to this difference (eq. 11); the paper's metres ask for 1.",
     )

@@ -17,7 +17,7 @@ from scipy.special import chdtri
 
 from novelty.preprocess import PreparedScans
 from novelty.refinement.chance import chance_group_sizes
-from novelty.refinement.surface import own_quantile, surface_distances
+from novelty.refinement.surface import chance_of, own_distances, surface_distances
 from novelty.section import section
 from novelty.segment import SegmentedPoints, states_of
 from novelty.visibility import has_stations
@@ -55,12 +55,14 @@ class OffSurface:
 
     Attributes:
         distances: squared, in variances of the surface (N,).
+        p_values: (N,), probability of a distance as large without any change, see `chance_of`.
         off: bool (N,), farther than unchanged points are.
         comparable: bool (N,), False where the other scan is empty.
         chance_groups: int64 (B,), see `chance_group_sizes`; looked at where the other scan's rays cannot tell.
     """
 
     distances: torch.Tensor
+    p_values: torch.Tensor
     off: torch.Tensor
     comparable: torch.Tensor
     chance_groups: torch.Tensor
@@ -79,13 +81,20 @@ def measure_off_surface(
     """
     distances = surface_distances(scans.points, other.cells, resolution)  # (N,)
     comparable = torch.tensor([size > 0 for size in other.cells.sizes])[scans.points.cloud_index]
-    threshold = _threshold(scans, resolution, settings)  # (B,)
+    own = own_distances(scans.points, scans.cell_of_point, resolution)
+    threshold = _threshold(own, settings)  # (B,)
     off = (distances > threshold[scans.points.cloud_index]) & comparable
     blind = [
         bool(part.any()) and not has_stations(origins)
         for part, origins in zip(scans.points.split(off), other.origins, strict=True)
     ]
-    return OffSurface(distances, off, comparable, chance_group_sizes(scans, resolution, threshold, blind))
+    return OffSurface(
+        distances=distances,
+        p_values=chance_of(distances, scans.points, own),
+        off=off,
+        comparable=comparable,
+        chance_groups=chance_group_sizes(scans, resolution, threshold, blind),
+    )
 
 
 def refine(
@@ -100,8 +109,8 @@ def refine(
         settings: How to refine.
 
     Returns:
-        The same with refined labels; the scores are distances from the other scan's surface in standard deviations.
-        A scan compared with an empty one keeps its labels and scores.
+        The same with refined labels; the scores are distances from the other scan's surface in standard deviations,
+        the p-values how probable these are without a change. A scan compared with an empty one keeps what it has.
     """
     whole = segmented.labels & (_share_off(surface.off, segmented, scans) >= settings.whole)
     refined = states_of(whole | _majority_of_cell(surface.off, scans.cell_of_point))
@@ -109,18 +118,19 @@ def refine(
         segmented,
         states=torch.where(surface.comparable, refined, segmented.states),
         scores=torch.where(surface.comparable, surface.distances.sqrt(), segmented.scores),
+        p_values=torch.where(surface.comparable, surface.p_values, segmented.p_values),
     )
 
 
-def _threshold(scans: PreparedScans, resolution: torch.Tensor, settings: Refine) -> torch.Tensor:
+def _threshold(own: tuple[torch.Tensor, ...], settings: Refine) -> torch.Tensor:
     """Squared distance that unchanged points exceed with probability `false_alarm` (B,).
 
     The quantile of chi-squared for Gaussian noise, stretched where the scan's own surfaces are rougher than that. How
-    much rougher is read off a quantile that a few stray returns do not move.
+    much rougher is read off a quantile of its `own_distances` that a few stray returns do not move.
     """
-    own = own_quantile(scans.points, scans.cell_of_point, resolution, ROUGHNESS_AT)
-    rougher = (own / float(chdtri(3, 1 - ROUGHNESS_AT))).nan_to_num(1.0).clamp_min(1.0)
-    return rougher * float(chdtri(3, settings.false_alarm))
+    smooth = float(chdtri(3, 1 - ROUGHNESS_AT))
+    rougher = [max(float(part.quantile(ROUGHNESS_AT)) / smooth, 1.0) if len(part) else 1.0 for part in own]
+    return torch.tensor(rougher, dtype=torch.float64) * float(chdtri(3, settings.false_alarm))
 
 
 def _share_off(off: torch.Tensor, segmented: SegmentedPoints, scans: PreparedScans) -> torch.Tensor:

@@ -105,10 +105,10 @@ def _nearest(
     return white.square().sum(dim=-1).amin(dim=1)
 
 
-def own_quantile(
-    points: PointClouds, cell_of_point: torch.Tensor, resolution: torch.Tensor, share: float
-) -> torch.Tensor:
-    """Squared distance that a share of a scan's points keep from a surface they had no part in, float64 (B,).
+def own_distances(
+    points: PointClouds, cell_of_point: torch.Tensor, resolution: torch.Tensor
+) -> tuple[torch.Tensor, ...]:
+    """Squared distances that points of a scan keep from a surface they had no part in: those without any change.
 
     A quarter of the points is measured against cells that the others make, so that no point vouches for itself.
 
@@ -116,17 +116,30 @@ def own_quantile(
         points: B clouds of points, m.
         cell_of_point: int64 (N,), cell of each point, packed over the clouds.
         resolution: (B,) m, see `surface_distances`.
-        share: In (0, 1), the quantile.
 
     Returns:
-        The quantile; NaN for a cloud of fewer than two points.
+        For each cloud, of about `CALIBRATION` points at most, in ascending order, float64; of none where it has fewer
+        than two points.
     """
     held_out = drawn(points, cell_of_point, one_in=4)
     cells = cells_of_members(points, cell_of_point, ~held_out)
     others = _sample(points, held_out)
     distances = others.split(surface_distances(others, cells, resolution))
-    return torch.stack(
-        [part.quantile(share) if len(part) else part.new_tensor(torch.nan) for part in distances]
+    return tuple(part[part.isfinite()].sort().values for part in distances)
+
+
+def chance_of(
+    distances: torch.Tensor, clouds: PointClouds, own: tuple[torch.Tensor, ...]
+) -> torch.Tensor:
+    """Probability of distances (N,) as large without any change, float64 (N,): the conformal p-value.
+
+    (1 + points of the scan itself that are as far from its own surface) / (1 + those looked at); see `own_distances`.
+    """
+    return torch.cat(
+        [
+            (1.0 + len(null) - torch.searchsorted(null, part)) / (1.0 + len(null))
+            for null, part in zip(own, clouds.split(distances), strict=True)
+        ]
     )
 
 

@@ -10,7 +10,7 @@ import novelty
 from gmmtorch import PointClouds
 from novelty import Config
 from novelty.preprocess import Preprocess, prepare
-from novelty.refinement import own_quantile, surface_distances
+from novelty.refinement import own_distances, surface_distances
 from novelty.scan import Scan
 from novelty.simulation import room_pair
 
@@ -83,7 +83,8 @@ def test_an_empty_other_scan_is_infinitely_far():
 def test_a_scans_own_distances_follow_the_share_asked_for(share, within):
     """Cells of three quarters of the points are a little smaller, so that the distances are a little larger."""
     scan = prepared(wall(3))
-    quantile = float(own_quantile(scan.points, scan.cell_of_point, torch.tensor([SPACING]), share))
+    (own,) = own_distances(scan.points, scan.cell_of_point, torch.tensor([SPACING]))
+    quantile = float(own.quantile(share))
     again = surface_distances(PointClouds.from_list([wall(4)]), scan.cells, torch.tensor([SPACING]))
     assert abs(float((again <= quantile).double().mean()) - share) < within
 
