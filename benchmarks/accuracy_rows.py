@@ -29,11 +29,14 @@ from novelty.evaluation import (
     evaluate_labels,
 )
 from novelty.result import Change, ResultStatus
-from novelty.scan import CHANGED, Scan
+from novelty.scan import CHANGED, UNCHANGED, Scan
 from novelty.sweep.compute import Prepared, compute
 from novelty.sweep.settings import Setting
 
 _log = logging.getLogger(__name__)
+
+LEVEL = 0.05
+"""A p-value as low is as frequent where nothing changed, if p-values are what they claim."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,7 @@ class Row:
         flagged: Share of the examined points of both scans that were called novel.
         objects: Objects reported in both directions.
         false_objects: Those of which less than half of the points have changed; NaN without labels.
+        at_level: Share of the unchanged points (of all, without labels) with a p-value of `LEVEL` at most.
         compare_seconds: Of the comparison alone.
         failure: Why there is no score; empty when there is one.
     """
@@ -80,6 +84,7 @@ class Row:
     flagged: float = math.nan
     objects: float = math.nan
     false_objects: float = math.nan
+    at_level: float = math.nan
     seconds: float = math.nan
     compare_seconds: float = math.nan
     failure: str = ""
@@ -146,6 +151,7 @@ def row_of(case: Case, variant: str, result: NoveltyResult) -> Row:
         flagged=sum(int(change.point_labels.sum()) for _, change in sides) / max(examined, 1),
         objects=sum(len(change.objects) for _, change in sides),
         false_objects=sum(_false_objects(scan, change) for scan, change in sides),
+        at_level=_at_level(sides),
         seconds=sum(result.timings.values()),
         compare_seconds=result.timings["compare"],
     )
@@ -163,6 +169,16 @@ def _agreement(labelled: list[LabelledScores]) -> dict[str, float]:
         "kappa": Scores.from_table(_pooled(added.scores.table, removed.scores.table)).kappa,
         "seen_once": sum(seen_once) / total if total else math.nan,
     }
+
+
+def _at_level(sides: Sequence[tuple[Scan, Change]]) -> float:
+    unchanged = [
+        change.point_p_values if scan.labels is None else change.point_p_values[scan.labels == UNCHANGED]
+        for scan, change in sides
+    ]
+    p_values = np.concatenate(unchanged)
+    p_values = p_values[np.isfinite(p_values)]
+    return float(np.mean(p_values <= LEVEL)) if len(p_values) else math.nan
 
 
 def _pooled(*tables: ContingencyTable) -> ContingencyTable:

@@ -12,7 +12,7 @@ from novelty import Config
 from novelty.preprocess import Preprocess, prepare
 from novelty.refinement import own_distances, surface_distances
 from novelty.scan import Scan
-from novelty.simulation import room_pair
+from novelty.simulation import room_pair, simulate_pair
 
 SPACING, NOISE = 0.02, 0.004
 
@@ -98,3 +98,13 @@ def test_refinement_finds_what_shares_a_component_with_a_wall():
     assert novelty.evaluate(truth, refined.added.point_labels, ignore).kappa > 0.7
     plain = novelty.detect(pair, coarse)
     assert not novelty.evaluate(truth, plain.added.point_labels, ignore).kappa > 0.5
+
+
+@pytest.mark.parametrize("shift", [0.0, 1.5])
+def test_p_values_of_unchanged_points_keep_their_level(shift):
+    """Seen twice, from one place and from another: as rare as they claim, and not much rarer than they need be."""
+    scans = simulate_pair("room", 4, (), noise=0.01, viewpoint_shift=shift).scans
+    added = novelty.detect(novelty.ScanPair(scans.reference, scans.current)).added
+    p_values = added.point_p_values[(scans.current.labels == 0) & np.isfinite(added.point_p_values)]
+    for level in (0.5, 0.1, 0.05):
+        assert level / 10 < (p_values <= level).mean() < 1.2 * level
