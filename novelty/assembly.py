@@ -20,7 +20,6 @@ from novelty.registration import Registrations
 from novelty.result import Change, ComponentRecord, NoveltyResult, PointState, ResultStatus
 from novelty.scan import Scan, ScanPair
 from novelty.segment import SegmentedPoints
-from novelty.visibility import stations_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +125,7 @@ def _things(row: int, side: _Side) -> Things:
     objects = number_objects(split(side.groups)[row].numpy())
     return Things(
         points=tuple(points[objects == index] for index in range(objects.max(initial=-1) + 1)),
-        stations=stations_of(side.scans.returns[row], side.scans.origins[row]),
+        stations=side.scans.stations[row],
     )
 
 

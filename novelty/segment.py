@@ -63,8 +63,8 @@ def segment_points(
     points: PointClouds, mixtures: GaussianMixtures, novelty: ComponentNovelty, settings: Segment
 ) -> SegmentedPoints:
     """Label every examined point by the component it belongs to (ChoosePtsfromGaussian, Algorithm 2, line 10)."""
-    responsibilities = mixtures.responsibilities(points)  # (N, K)
-    components = responsibilities.argmax(dim=1)
+    posterior = mixtures.posterior(points)
+    responsibilities, components = posterior.responsibilities, posterior.components.clamp_min(0)  # (N, K), (N,)
     owner = points.cloud_index  # (N,)
     if settings.rule == "map":
         labels = novelty.novel[owner, components]

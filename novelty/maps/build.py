@@ -9,7 +9,6 @@ from novelty.maps.scene_map import KEPT, SceneMap
 from novelty.maps.views import View
 from novelty.preprocess import check_scan, prepare
 from novelty.scan import Scan
-from novelty.visibility import stations_of
 
 
 def fit(scan: Scan, config: Config | None = None) -> SceneMap:
@@ -36,7 +35,7 @@ def fit(scan: Scan, config: Config | None = None) -> SceneMap:
     return SceneMap(
         cells=prepared.cells,
         model=model,
-        views=tuple(View.of(rays) for rays in stations_of(prepared.returns[0], prepared.origins[0])),
+        views=tuple(View.of(rays) for rays in prepared.stations[0]),
         ground=prepared.grounds[0],
         spacing=float(prepared.spacing[0]),
         cell_size=float(prepared.cell_size[0]),

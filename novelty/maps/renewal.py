@@ -26,7 +26,7 @@ from novelty.preprocess import PreparedScans
 from novelty.registration import RegistrationStatus
 from novelty.result import NoveltyResult, PointState
 from novelty.scan import Scan
-from novelty.visibility import Rays, stations_of
+from novelty.visibility import Rays
 
 DENSER = 0.7
 """The scan's cells replace the map's where they are smaller than this share of them."""
@@ -79,7 +79,7 @@ def update(scene_map: SceneMap, scan: Scan, config: Config | None = None) -> Map
     compared = compare(scene_map, scan, config)
     result = compared.result
     current = compared.current.moved(_pose(scene_map, scan, result))
-    stations = stations_of(current.returns[0], current.origins[0])
+    stations = current.stations[0]
     # Which cells of either are in the new map.
     gone = result.removed.point_labels & bool(stations)
     found = most_common(result.added.point_states[current.kept[0]], current.cell_of_point.numpy())

@@ -120,6 +120,8 @@ def find_moves(
 
 def _candidates(removed: Things, added: Things) -> list[tuple[int, int]]:
     """Pairs of objects of similar size, the most similar first."""
+    if not (removed.points and added.points):
+        return []
     lengths = [_lengths(things) for things in (removed, added)]
     pairs = []
     for first, second in itertools.product(*lengths):

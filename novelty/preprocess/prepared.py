@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -11,6 +13,9 @@ from numpy.typing import NDArray
 
 from gmmtorch import PointClouds
 from novelty.preprocess.ground import NoGround, Plane
+
+if TYPE_CHECKING:
+    from novelty.visibility.rays import Rays
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +55,13 @@ class PreparedScans:
     def __len__(self) -> int:
         """B."""
         return len(self.kept)
+
+    @cached_property
+    def stations(self) -> tuple[tuple[Rays, ...], ...]:
+        """For each scan its rays from each place of its sensor, see `stations_of`; made once for all who ask."""
+        from novelty.visibility.rays import stations_of
+
+        return tuple(stations_of(*given) for given in zip(self.returns, self.origins, strict=True))
 
     def select(self, indices: Sequence[int]) -> PreparedScans:
         """The scans at `indices`, in that order; an index may repeat."""

@@ -16,7 +16,7 @@ from novelty.preprocess import PreparedScans
 from novelty.result import PointState
 from novelty.section import section
 from novelty.segment import SegmentedPoints
-from novelty.visibility.rays import Sight, has_stations, joint_sights, stations_of
+from novelty.visibility.rays import Sight, has_stations, joint_sights
 
 LEAST_SEEN = 0.2
 """A group must have been seen through in at least this share of all its points to be novel as a whole."""
@@ -81,14 +81,12 @@ def judge(
         scans.points.split(groups),
         scans.points.split(states),
         scans.points.split(_normals(scans)[scans.cell_of_point]),
-        others.returns,
-        others.origins,
+        others.stations,
         resolution.tolist(),
         strict=True,
     )
-    for points, novel, group, state, normals, returns, origins, length in parts:
-        stations = stations_of(returns, origins) if novel.any() else ()
-        if not stations:
+    for points, novel, group, state, normals, stations, length in parts:
+        if not stations or not novel.any():
             continue
         sights = joint_sights(
             stations, points[novel].numpy(), settings.tolerance * length, normals[novel].numpy()
