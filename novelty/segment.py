@@ -64,7 +64,10 @@ def segment_points(
 ) -> SegmentedPoints:
     """Label every examined point by the component it belongs to (ChoosePtsfromGaussian, Algorithm 2, line 10)."""
     posterior = mixtures.posterior(points)
-    responsibilities, components = posterior.responsibilities, posterior.components.clamp_min(0)  # (N, K), (N,)
+    responsibilities, components = (
+        posterior.responsibilities,
+        posterior.components.clamp_min(0),
+    )  # (N, K), (N,)
     owner = points.cloud_index  # (N,)
     if settings.rule == "map":
         labels = novelty.novel[owner, components]

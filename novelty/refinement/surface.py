@@ -128,9 +128,7 @@ def own_distances(
     return tuple(part[part.isfinite()].sort().values for part in distances)
 
 
-def chance_of(
-    distances: torch.Tensor, clouds: PointClouds, own: tuple[torch.Tensor, ...]
-) -> torch.Tensor:
+def chance_of(distances: torch.Tensor, clouds: PointClouds, own: tuple[torch.Tensor, ...]) -> torch.Tensor:
     """Probability of distances (N,) as large without any change, float64 (N,): the conformal p-value.
 
     (1 + points of the scan itself that are as far from its own surface) / (1 + those looked at); see `own_distances`.
@@ -181,4 +179,3 @@ def _sample(points: PointClouds, members: torch.Tensor) -> PointClouds:
         part[picked] for part, picked in zip(points.split(points.points), points.split(members), strict=True)
     )
     return PointClouds.from_list([part[:: max(1, len(part) // CALIBRATION)] for part in chosen])
-

@@ -3,4 +3,13 @@
 from novelty.visibility.rays import Rays, Sight, has_stations, joint_sights, stations_of
 from novelty.visibility.verdict import Visibility, blind_notes, judge
 
-__all__ = ["Rays", "Sight", "Visibility", "blind_notes", "has_stations", "joint_sights", "judge", "stations_of"]
+__all__ = [
+    "Rays",
+    "Sight",
+    "Visibility",
+    "blind_notes",
+    "has_stations",
+    "joint_sights",
+    "judge",
+    "stations_of",
+]

@@ -117,9 +117,7 @@ class Rays:
         return sights
 
 
-def _slopes(
-    directions: NDArray[np.float64], normals: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
+def _slopes(directions: NDArray[np.float64], normals: NDArray[np.float64] | None) -> NDArray[np.float64]:
     """Tangent of the angle between each direction (M, 3) and the normal of the surface it meets; NaN if unknown."""
     if normals is None:
         return np.full(len(directions), np.nan)

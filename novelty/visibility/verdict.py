@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -128,9 +127,7 @@ def _normals(scans: PreparedScans) -> torch.Tensor:
     return torch.where((cells.weights >= LEAST_PATCH)[:, None], normals, unknown)
 
 
-def _verdict(
-    sights: NDArray[np.uint8], groups: NDArray[np.int64], settings: Visibility
-) -> NDArray[np.uint8]:
+def _verdict(sights: NDArray[np.uint8], groups: NDArray[np.int64], settings: Visibility) -> NDArray[np.uint8]:
     """State of every novel point (M,).
 
     A group of points (the connected novel points of one component) that the other scan mostly saw through is novel as
