@@ -1,8 +1,8 @@
 """Sparse outliers: points much farther from their neighbours than is usual.
 
-What is usual in the whole scan (Rusu et al. 2008, the paper's choice) takes far and slanted surfaces for outliers, since
-a scan thins out with range: a small thing five metres away loses a fifth of its points. What is usual where the point is
-(the idea of the local outlier factor, Breunig et al. 2000) leaves them alone and still finds the stray returns.
+What is usual in the whole scan (Rusu et al. 2008, the paper's choice) takes far and slanted surfaces for outliers, as
+scans thin out with range: a small thing five metres away loses a fifth of its points. What is usual where the point
+is (the idea of the local outlier factor, Breunig et al. 2000) leaves them alone and still finds the stray returns.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class Preprocess:
     outliers: Literal["local", "statistical", "none"] = Field(
         default="local",
         description="How sparse outliers are taken out. local: points farther from their neighbours than these are "
-        "from theirs; statistical: farther than is usual in the whole scan (Rusu et al. 2008), which costs far surfaces.",
+        "from theirs; statistical: farther than is usual in the scan (Rusu et al. 2008), which costs far surfaces.",
     )
     outlier_neighbors: int = Field(
         default=20, ge=2, description="Neighbours whose mean distance is looked at."
