@@ -31,9 +31,10 @@ class Sight(IntEnum):
     SEEN_THROUGH = 1
     HIDDEN = 2
     SURFACE = 3
+    BESIDE = 4
 
 
-STRONGEST = (Sight.SEEN_THROUGH, Sight.SURFACE, Sight.HIDDEN)
+STRONGEST = (Sight.SEEN_THROUGH, Sight.SURFACE, Sight.BESIDE, Sight.HIDDEN)
 """Of several stations' sights of one point the first that occurs counts: what was free once is new when filled."""
 
 
@@ -89,8 +90,9 @@ class Rays:
         Returns:
             `Sight` of each point, uint8 (M,). SEEN_THROUGH when every neighbouring ray went on behind the point,
             HIDDEN when every one ended before it, SURFACE when one ended on it, NO_RAY when none passes near. When
-            some went on and others ended before: what most did; NO_RAY can tell where the surface is so steep that the
-            error of its normal decides, and SURFACE where the normal is unknown.
+            some went on and others ended before, at the edge of something nearer: BESIDE or HIDDEN, whichever most
+            say; SURFACE where the normal is unknown. Past a surface so steep that the error of its normal decides rays
+            go BESIDE at best.
         """
         sights = np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
         if not len(points) or not len(self.ranges):
@@ -110,10 +112,14 @@ class Rays:
         behind = (near & (beyond > slack)).sum(axis=1)
         before = (near & (beyond < -slack)).sum(axis=1)
         torn = (behind + before == total) & ~np.isnan(slopes)  # nothing ended on the point's surface
-        split = torn & (slopes <= STEEPEST)
-        sights[(total > 0) & ~torn] = Sight.SURFACE
-        sights[(total > 0) & ((behind == total) | (split & (behind >= before)))] = Sight.SEEN_THROUGH
-        sights[(total > 0) & ((before == total) | (split & (behind < before)))] = Sight.HIDDEN
+        steep = slopes > STEEPEST
+        seen = total > 0
+        sights[seen & ~torn] = Sight.SURFACE
+        sights[seen & torn & ~steep] = Sight.HIDDEN
+        sights[seen & torn & ~steep & (behind >= before)] = Sight.BESIDE
+        sights[seen & (before == total)] = Sight.HIDDEN
+        sights[seen & (behind == total)] = Sight.SEEN_THROUGH
+        sights[seen & (behind == total) & steep] = Sight.BESIDE
         return sights
 
 

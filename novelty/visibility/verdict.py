@@ -23,11 +23,15 @@ LEAST_SEEN = 0.2
 LEAST_PATCH = 4
 """Points of which the plane through them is a measurement: three always have one."""
 
+LEAST_CLEAR = 0.15
+"""Share of the novel points of one cluster that must have been seen through clearly, and not beside an edge."""
+
 STATE_OF_SIGHT = {
     Sight.NO_RAY: PointState.UNOBSERVED,
     Sight.SEEN_THROUGH: PointState.NOVEL,
     Sight.HIDDEN: PointState.OCCLUDED,
     Sight.SURFACE: PointState.UNCHANGED,
+    Sight.BESIDE: PointState.NOVEL,
 }
 """What a novel point becomes that stands for itself."""
 
@@ -72,11 +76,13 @@ def judge(
         settings: How to judge.
     """
     labels = segmented.labels
-    groups = novel_clusters(scans, labels) * segmented.counts.shape[1] + segmented.components
+    clusters = novel_clusters(scans, labels)
+    groups = clusters * segmented.counts.shape[1] + segmented.components
     states = segmented.states.clone()
     parts = zip(
         scans.points.split(scans.points.points),
         scans.points.split(labels),
+        scans.points.split(clusters),
         scans.points.split(groups),
         scans.points.split(states),
         scans.points.split(_normals(scans)[scans.cell_of_point]),
@@ -84,13 +90,13 @@ def judge(
         resolution.tolist(),
         strict=True,
     )
-    for points, novel, group, state, normals, stations, length in parts:
+    for points, novel, cluster, group, state, normals, stations, length in parts:
         if not stations or not novel.any():
             continue
         sights = joint_sights(
             stations, points[novel].numpy(), settings.tolerance * length, normals[novel].numpy()
         )
-        verdict = _verdict(sights, group[novel].numpy(), settings)
+        verdict = _verdict(sights, cluster[novel].numpy(), group[novel].numpy(), settings)
         state[novel] = torch.from_numpy(verdict)
     return replace(segmented, states=states)
 
@@ -127,19 +133,28 @@ def _normals(scans: PreparedScans) -> torch.Tensor:
     return torch.where((cells.weights >= LEAST_PATCH)[:, None], normals, unknown)
 
 
-def _verdict(sights: NDArray[np.uint8], groups: NDArray[np.int64], settings: Visibility) -> NDArray[np.uint8]:
+def _verdict(
+    sights: NDArray[np.uint8],
+    clusters: NDArray[np.int64],
+    groups: NDArray[np.int64],
+    settings: Visibility,
+) -> NDArray[np.uint8]:
     """State of every novel point (M,).
 
     A group of points (the connected novel points of one component) that the other scan mostly saw through is novel as
     a whole: its parts in shadow belong to the same thing. In other groups every point stands for itself, and one that
-    lies on a surface the other scan measured is unchanged after all.
+    lies on a surface the other scan measured is unchanged after all. What was only seen beside the edges of nearer
+    things, and hardly anywhere clearly, lies in their shadow.
     """
     _, group = np.unique(groups, return_inverse=True)
     size = np.bincount(group)
-    through = np.bincount(group, sights == Sight.SEEN_THROUGH)
+    through = np.bincount(group, (sights == Sight.SEEN_THROUGH) | (sights == Sight.BESIDE))
     judged = size - np.bincount(group, sights == Sight.NO_RAY)
     seen = (through >= settings.seen_share * judged) & (through >= LEAST_SEEN * size)
-    whole = seen[group]
     states = np.choose(sights, [STATE_OF_SIGHT[sight] for sight in Sight]).astype(np.uint8)
-    states[whole] = PointState.NOVEL
+    states[seen[group]] = PointState.NOVEL
+    novel = states == PointState.NOVEL
+    clear = np.bincount(clusters, sights == Sight.SEEN_THROUGH)
+    in_shadow = clear < LEAST_CLEAR * np.bincount(clusters, novel)
+    states[novel & in_shadow[clusters]] = PointState.UNOBSERVED
     return states
