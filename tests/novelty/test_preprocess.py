@@ -108,6 +108,17 @@ def test_a_band_of_heights_runs_along_up(room):
     assert np.array_equal(prepared.kept[0], np.flatnonzero((room[:, 1] >= 0.5) & (room[:, 1] <= 2.0)))
 
 
+def test_a_far_surface_is_no_outlier_unless_the_whole_scan_is_the_measure(rng):
+    near, far = rng.uniform(size=(5000, 3)) * [1, 1, 0], 5 + 3 * rng.uniform(size=(200, 3)) * [1, 1, 0]
+    scan = Scan(np.concatenate([near, far]))
+    kept = {
+        rule: prepare([scan], Preprocess(ground="none", outliers=rule)).kept[0]
+        for rule in ("local", "statistical")
+    }
+    assert (kept["local"] >= 5000).sum() > 190
+    assert (kept["statistical"] >= 5000).sum() < 20
+
+
 def test_sparse_outliers_go_and_clumps_of_equal_points_stay(rng):
     surface = rng.uniform(size=(3000, 3)) * [1, 1, 0]
     strays, clump = rng.uniform(3, 9, (10, 3)), np.full((30, 3), 0.5)

@@ -11,6 +11,7 @@ from gmmtorch import PointClouds
 from novelty import Config
 from novelty.preprocess import Preprocess, prepare
 from novelty.refinement import own_distances, surface_distances
+from novelty.refinement.chance import chance_group_sizes
 from novelty.scan import Scan
 from novelty.simulation import room_pair, simulate_pair
 
@@ -108,3 +109,27 @@ def test_p_values_of_unchanged_points_keep_their_level(shift):
     p_values = added.point_p_values[(scans.current.labels == 0) & np.isfinite(added.point_p_values)]
     for level in (0.5, 0.1, 0.05):
         assert level / 10 < (p_values <= level).mean() < 1.2 * level
+
+
+def test_a_stray_cell_vouches_for_nothing():
+    """Three returns far apart in one cell would cover the thing that stands between them."""
+    surface = prepared(wall(1)).cells
+    stray_spread = torch.diag(torch.tensor([0.0, 0.1, 0.1], dtype=torch.float64))[None]
+    cells = PointClouds.from_list(
+        [torch.cat([surface.points, torch.tensor([[1.5, 0.0, 1.0]], dtype=torch.float64)])],
+        weights=[torch.cat([surface.weights, torch.tensor([3.0], dtype=torch.float64)])],
+        spreads=[torch.cat([surface.spreads, stray_spread])],
+    )
+    thing = PointClouds.from_list([np.array([[1.5, 0.1, 1.1]])])
+    assert float(surface_distances(thing, cells, torch.tensor([SPACING]))) > 100
+
+
+def test_where_no_ray_can_tell_a_scan_says_how_large_groups_of_chance_are():
+    rng = np.random.default_rng(0)
+    foliage = np.array([0.0, 0.0, 1.0]) + 0.3 * rng.normal(size=(600, 3))
+    smooth, rough = prepared(wall(3)), prepared(np.concatenate([wall(3), foliage]))
+    threshold, resolution = torch.tensor([16.0]), torch.tensor([SPACING])
+    (none,) = chance_group_sizes(smooth, resolution, threshold, [True])
+    (some,) = chance_group_sizes(rough, resolution, threshold, [True])
+    assert none < 20 < some
+    assert chance_group_sizes(rough, resolution, threshold, [False]).tolist() == [0]

@@ -45,6 +45,26 @@ def test_an_edge_brackets_what_lies_between():
     assert rays.sights(np.array([[2.5, 0.0, 0.0]]), tolerance=0.05)[0] == Sight.SURFACE
 
 
+def test_with_its_slope_known_a_point_at_an_edge_was_missed_and_a_slanted_surface_was_met():
+    """Rays of half a degree: a floor 1 m below ends them 8.2 to 12 m away, and an edge at y = 0 at 2 m or 9 m."""
+    elevation, azimuth = np.meshgrid(
+        np.radians(np.arange(-7, -4.7, 0.5)), np.radians(np.arange(-6, 6.1, 0.5))
+    )
+    ray = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)], axis=-1).reshape(-1, 3)
+    floor = Rays.of(ray / -ray[:, 2:], np.zeros(3))
+    up, ahead = np.array([[0.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0]])
+    place = np.array([[10.0, 0.0, -1.0]])
+    assert floor.sights(place, 0.05, up)[0] == Sight.SURFACE  # a little before it and a little behind it
+    wall = ray * np.where(np.degrees(azimuth.reshape(-1, 1)) > -0.3, 9.0, 2.0)
+    edge = Rays.of(wall, np.zeros(3))
+    between = np.array([[5.0, 0.0, -0.52]])
+    assert edge.sights(between, 0.05)[0] == Sight.SURFACE
+    assert edge.sights(between, 0.05, ahead)[0] == Sight.BESIDE
+    assert edge.sights(between - [0.0, 0.06, 0.0], 0.05, ahead)[0] == Sight.HIDDEN
+    assert edge.sights(np.array([[5.0, 0.3, -0.52]]), 0.05, ahead)[0] == Sight.SEEN_THROUGH
+    assert edge.sights(np.array([[5.0, 0.3, -0.52]]), 0.05, up)[0] == Sight.BESIDE  # edge on
+
+
 def test_no_points_and_no_rays_give_no_sight(rays):
     assert rays.sights(np.zeros((0, 3)), 0.1).shape == (0,)
     assert Rays.of(np.zeros((0, 3)), ORIGIN).sights(np.ones((4, 3)), 0.1).tolist() == [Sight.NO_RAY] * 4
