@@ -23,8 +23,8 @@ LEAST_SEEN = 0.2
 LEAST_PATCH = 4
 """Points of which the plane through them is a measurement: three always have one."""
 
-LEAST_CLEAR = 0.15
-"""Share of the novel points of one cluster that must have been seen through clearly, and not beside an edge."""
+LEAST_CLEAR = 0.2
+"""Share of the points of a cluster past which rays went that must have been seen through clearly, not beside edges."""
 
 STATE_OF_SIGHT = {
     Sight.NO_RAY: PointState.UNOBSERVED,
@@ -153,8 +153,8 @@ def _verdict(
     seen = (through >= settings.seen_share * judged) & (through >= LEAST_SEEN * size)
     states = np.choose(sights, [STATE_OF_SIGHT[sight] for sight in Sight]).astype(np.uint8)
     states[seen[group]] = PointState.NOVEL
-    novel = states == PointState.NOVEL
     clear = np.bincount(clusters, sights == Sight.SEEN_THROUGH)
-    in_shadow = clear < LEAST_CLEAR * np.bincount(clusters, novel)
-    states[novel & in_shadow[clusters]] = PointState.UNOBSERVED
+    beside = np.bincount(clusters, sights == Sight.BESIDE)
+    in_shadow = clear < LEAST_CLEAR * (clear + beside)
+    states[(states == PointState.NOVEL) & in_shadow[clusters]] = PointState.UNOBSERVED
     return states
