@@ -148,6 +148,9 @@ def compare_fitted(
         )
     with clock.stage("objects"):
         notes = blind_notes(batch.reference, batch.current) if _asks_visibility(config) else [()] * len(pairs)
+        notes = [
+            told + more for told, more in zip(notes, _chance_notes(batch, measured, config), strict=True)
+        ]
         outcome = PairOutcome(
             batch, registrations, models, comparison, added, removed, notes, config.preprocess.up
         )
@@ -174,7 +177,7 @@ def segment_current(
         segmented = label_points(scans.points, novelty)
         return judge(segmented, scans, others, resolution, config.visibility) if visible else segmented
     segmented = segment_points(scans.points, models.current.mixtures, novelty, config.segment)
-    refined = config.refine.method != "none" and config.chosen_detector.asks_refinement
+    refined = _asks_refinement(config)
     chance_groups = None
     if refined:
         measured, key = {} if measured is None else measured, (id(scans), config.refine)
@@ -187,6 +190,26 @@ def segment_current(
     if refined:
         segmented = drop_measured(segmented, scans, others, resolution)
     return drop_specks(segmented, scans, config.segment, chance_groups)
+
+
+def _chance_notes(batch: PreparedPairs, measured: Measured, config: Config) -> list[tuple[str, ...]]:
+    """For each pair, from which size on groups of points counted where that is more than was asked for."""
+    notes: list[tuple[str, ...]] = [()] * len(batch)
+    if not _asks_refinement(config):
+        return notes
+    for role, scans in (("reference", batch.reference), ("current", batch.current)):
+        for row, size in enumerate(measured[id(scans), config.refine].chance_groups.tolist()):
+            if size >= config.segment.min_points:
+                note = (
+                    f"{role} scan: groups of up to {size} points were taken for chance, since it shows as large ones "
+                    "against itself; give the other sensor's position to find smaller things."
+                )
+                notes[row] = (*notes[row], note)
+    return notes
+
+
+def _asks_refinement(config: Config) -> bool:
+    return config.refine.method != "none" and config.chosen_detector.asks_refinement
 
 
 def _asks_visibility(config: Config) -> bool:

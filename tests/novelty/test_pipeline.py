@@ -126,6 +126,16 @@ def test_every_examined_point_has_a_p_value_and_new_things_small_ones(room, tmp_
     assert b"property float p_value" in (tmp_path / "room.ply").read_bytes()[:1000]
 
 
+def test_without_origins_it_is_said_from_which_size_on_groups_count(room):
+    rng = np.random.default_rng(0)
+    foliage = room.reference.points.mean(axis=0) + 0.3 * rng.normal(size=(800, 3))
+    rough = Scan(np.concatenate([room.reference.points, foliage]))
+    with_rays = dataclasses.replace(rough, origin=room.reference.origin)
+    blind = novelty.detect(ScanPair(rough, Scan(room.current.points)))
+    assert "reference scan: groups of up to" in blind.message
+    assert "groups of up to" not in novelty.detect(ScanPair(with_rays, room.current)).message
+
+
 def test_records_are_in_the_unit_and_frame_of_the_scan_as_given(room):
     metres = novelty.detect(room).added
     offset = np.array([10.0, -4.0, 2.0])
