@@ -85,10 +85,10 @@ def test_a_batch_equals_its_members_alone_in_any_order(scale):
     for cloud, name in enumerate(names):
         alone = simplify(PointClouds.from_list([CASES[name]]), scale)
         start, stop = together.cells.offsets[cloud : cloud + 2]
-        assert torch.equal(together.cells.points[start:stop], alone.cells.points)
-        assert torch.equal(together.cells.weights[start:stop], alone.cells.weights)
-        assert torch.equal(together.cells.spreads[start:stop], alone.cells.spreads)
-        assert torch.equal(owners[cloud] - start, alone.cell_of_point)
+        for attribute in ("points", "weights", "spreads"):
+            part = getattr(together.cells, attribute)[start:stop]
+            np.testing.assert_array_equal(part, getattr(alone.cells, attribute), err_msg=f"{attribute} of {name!r}")
+        np.testing.assert_array_equal(owners[cloud] - start, alone.cell_of_point, err_msg=name)
 
 
 def test_cells_are_ordered_by_their_smallest_point():
