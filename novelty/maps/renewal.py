@@ -37,7 +37,7 @@ NEIGHBOURS = 16
 FADED = 1e-6
 """What is left of the old evidence beside the cells: they are all the evidence, the old mixture only a start."""
 
-MISFITS = (RegistrationStatus.LOW_OVERLAP, RegistrationStatus.NOT_CONVERGED)
+MISFITS = (RegistrationStatus.LOW_OVERLAP, RegistrationStatus.NOT_CONVERGED, RegistrationStatus.FAR_AWAY)
 """What registration says of a scan of another place, or one whose pose is far off."""
 
 

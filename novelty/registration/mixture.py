@@ -13,15 +13,15 @@ scans do not fix are left alone (Zhang, Kaess & Singh 2016).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
 from novelty.registration.matching import Matcher, Matches
-from novelty.registration.motion import Motions, cross_matrices
+from novelty.registration.motion import Levers, Motions, cross_matrices
 from novelty.registration.robust import WIDTH, distance_scale, group_quantile, group_sum, trust, widest
 
-OBSERVABLE = 0.01
+OBSERVABLE = 0.003
 """Share of the matched surface that must face a direction for the pose to be fixed in it."""
 
 LEVELS = (400, 1600)
@@ -48,12 +48,13 @@ class Alignment:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Gauss-Newton system of P pairs in steps (rotation * radius, translation): H s = -g.
+    """Gauss-Newton system of P pairs in displacements (`Levers`): H s = -g.
 
     Attributes:
         hessian: (P, 6, 6).
         gradient: (P, 6).
-        facing: (P, 6, 6), the same as `hessian` with every match counted alike: eigenvalues are shares of surface.
+        facing: (P, 6, 6), the same as `hessian` with every match counted alike that tells as much as the median one:
+            eigenvalues are shares of surface. Two patches that cross fix nothing, so they hardly count.
     """
 
     hessian: torch.Tensor
@@ -69,6 +70,10 @@ class NormalEquations:
         values, vectors = torch.linalg.eigh(self.facing)
         kept = vectors * (values > OBSERVABLE)[:, None, :]
         return kept @ vectors.transpose(1, 2)
+
+    def within(self, allowed: torch.Tensor) -> NormalEquations:
+        """The same system with only the directions of the projections `allowed` (P, 6, 6) to go."""
+        return replace(self, facing=allowed @ self.facing @ allowed)
 
     def step(self) -> torch.Tensor:
         """Gauss-Newton step inside the observable directions, (P, 6)."""
@@ -101,10 +106,41 @@ def align(matcher: Matcher, max_iterations: int) -> Alignment:
         first = widest(coarse, coarse.match(state.motions), pairs) if level == LEVELS[0] else None
         state = _descend(coarse, state, first, max_iterations)
     state = _descend(matcher, state, None, max_iterations)
+    state = _without_slides(matcher, state, max_iterations)
     return Alignment(state.motions, state.num_iterations, state.converged)
 
 
-def _descend(matcher: Matcher, state: _State, width: torch.Tensor | None, max_iterations: int) -> _State:
+def _without_slides(matcher: Matcher, state: _State, max_iterations: int) -> _State:
+    """The poses without what they moved in directions that, where they ended, the scans do not fix.
+
+    A wide c hears surfaces that have no say at the end: a few of them can slide a corridor along its axis. The pairs
+    that slid are put back in those directions and settle again in the others.
+    """
+    levers, extent = levers_of(matcher), _typical_extent(matcher)
+    matches = matcher.match(state.motions)
+    width = WIDTH * distance_scale(matcher, matches, len(extent)).nan_to_num(posinf=0).clamp_min(1e-12)
+    allowed = normal_equations(matcher, matches, width, levers).observable()
+    travelled = levers.displacements(state.motions.steps())
+    kept = (allowed @ travelled[:, :, None])[:, :, 0]
+    slid = (travelled - kept).norm(dim=-1) > CALM * extent
+    if not slid.any():
+        return state
+    back = Motions.identity(len(extent)).then(levers.steps(kept))
+    again = _descend(matcher, replace(state, motions=back), None, max_iterations, allowed)
+    return _State(
+        motions=again.motions.where(slid, state.motions),
+        num_iterations=torch.where(slid, again.num_iterations, state.num_iterations),
+        converged=torch.where(slid, again.converged, state.converged),
+    )
+
+
+def _descend(
+    matcher: Matcher,
+    state: _State,
+    width: torch.Tensor | None,
+    max_iterations: int,
+    allowed: torch.Tensor | None = None,
+) -> _State:
     """Gauss-Newton steps until they die out for every pair; a pair that has arrived stays where it is.
 
     Args:
@@ -112,10 +148,10 @@ def _descend(matcher: Matcher, state: _State, width: torch.Tensor | None, max_it
         state: Where to start.
         width: c at the start (P,); None: as wide as the residuals ask for.
         max_iterations: Most steps.
+        allowed: Projections (P, 6, 6) onto the directions to move in; None: all that the scans fix.
     """
     pairs = len(state.converged)
-    radius = radius_of(matcher)
-    extent = group_quantile(matcher.reference.extents, matcher.reference.owner, pairs, 0.5).nan_to_num(0)
+    levers, extent = levers_of(matcher), _typical_extent(matcher)
     motions, iterations = state.motions, state.num_iterations.clone()
     active, length = torch.ones(pairs, dtype=torch.bool), extent.new_full((pairs,), torch.inf)
     for _ in range(max_iterations):
@@ -123,8 +159,9 @@ def _descend(matcher: Matcher, state: _State, width: torch.Tensor | None, max_it
         # Nothing within reach: nothing is heard, and nothing moves.
         target = WIDTH * distance_scale(matcher, matches, pairs).nan_to_num(posinf=0).clamp_min(1e-12)
         width = target if width is None else torch.maximum(width, target)
-        steps = normal_equations(matcher, matches, width, radius).step()
-        motions = motions.then(steps / _scaling(radius)).where(active, motions)
+        equations = normal_equations(matcher, matches, width, levers)
+        steps = (equations if allowed is None else equations.within(allowed)).step()
+        motions = motions.then(levers.steps(steps)).where(active, motions)
         iterations += active
         length = steps.norm(dim=-1)
         active &= ~((width <= target) & (length <= TOLERANCE * extent))
@@ -136,39 +173,40 @@ def _descend(matcher: Matcher, state: _State, width: torch.Tensor | None, max_it
     return _State(motions, iterations, ~active | (length <= CALM * extent))
 
 
-def radius_of(matcher: Matcher) -> torch.Tensor:
-    """Root-mean-square distance of the current surfels from the centre, (P,), m: turns rotations into lengths."""
-    current, pairs = matcher.current, len(matcher.current.sizes)
-    counts = torch.tensor(current.sizes).clamp_min(1)
-    return (group_sum(current.means.square().sum(-1), current.owner, pairs) / counts).sqrt().clamp_min(1e-12)
+def levers_of(matcher: Matcher) -> Levers:
+    """The levers on which turns move the current surfels."""
+    return Levers.of(matcher.current.means, matcher.current.owner, len(matcher.current.sizes))
+
+
+def _typical_extent(matcher: Matcher) -> torch.Tensor:
+    """Extent of a typical reference cell, (P,), m."""
+    pairs = len(matcher.reference.sizes)
+    return group_quantile(matcher.reference.extents, matcher.reference.owner, pairs, 0.5).nan_to_num(0)
 
 
 def normal_equations(
-    matcher: Matcher, matches: Matches, width: torch.Tensor, radius: torch.Tensor
+    matcher: Matcher, matches: Matches, width: torch.Tensor, levers: Levers
 ) -> NormalEquations:
-    """The Gauss-Newton system at these matches for c = `width` (P,), dimensionless, and lengths `radius` (P,), m."""
+    """The Gauss-Newton system at these matches for c = `width` (P,), dimensionless."""
     pairs, owner = len(width), matches.owner
     typical = width[owner] * matches.trace.rsqrt()
     near = matcher.within_reach(matches, group_quantile(typical, owner, pairs, 0.5).nan_to_num(0))
     weight = near * matcher.support(matches) * trust(matches.squared, width[owner])  # (M,)
     jacobian = torch.cat(
         [
-            -cross_matrices(matches.positions) / radius[owner, None, None],
-            torch.eye(3, dtype=radius.dtype).expand(len(owner), 3, 3),
+            -cross_matrices(matches.positions) @ levers.inverses[owner],
+            torch.eye(3, dtype=width.dtype).expand(len(owner), 3, 3),
         ],
         dim=-1,
     )  # (M, 3, 6)
     weighted = matches.information @ jacobian * weight[:, None, None]
     curvature = jacobian.transpose(1, 2) @ weighted  # (M, 6, 6)
     gradient = (weighted.transpose(1, 2) @ matches.differences[:, :, None])[:, :, 0]
-    counted = group_sum(weight, owner, pairs).clamp_min(torch.finfo(radius.dtype).tiny)
+    median = group_quantile(matches.trace, owner, pairs, 0.5).nan_to_num(0)
+    counts_alike = torch.maximum(matches.trace, median[owner])
+    counted = group_sum(weight, owner, pairs).clamp_min(torch.finfo(width.dtype).tiny)
     return NormalEquations(
         hessian=group_sum(curvature, owner, pairs),
         gradient=group_sum(gradient, owner, pairs),
-        facing=group_sum(curvature / matches.trace[:, None, None], owner, pairs) / counted[:, None, None],
+        facing=group_sum(curvature / counts_alike[:, None, None], owner, pairs) / counted[:, None, None],
     )
-
-
-def _scaling(radius: torch.Tensor) -> torch.Tensor:
-    """What a step is divided by to become a rotation vector and a translation, (P, 6)."""
-    return torch.cat([radius[:, None].expand(-1, 3), torch.ones(len(radius), 3, dtype=radius.dtype)], dim=-1)

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 import torch
 
+SHORTEST = 1e-3
+"""Least lever of a turn as a share of the longest: points on a line have none about it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Motions:
@@ -60,10 +63,55 @@ class Motions:
 
     def angles(self) -> torch.Tensor:
         """Rotation angles, degrees (P,); accurate near 0, where the trace is not."""
+        return torch.rad2deg(self.steps()[:, :3].norm(dim=-1))
+
+    def steps(self) -> torch.Tensor:
+        """The steps (P, 6) by which `then` makes these motions from none; for turns of less than 180 degrees."""
         skew = self.rotations - self.rotations.transpose(1, 2)
-        sine = 0.5 * torch.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], dim=-1).norm(dim=-1)
+        axis = 0.5 * torch.stack(
+            [skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], dim=-1
+        )  # sin(angle) times unit
+        sine = axis.norm(dim=-1)
         cosine = 0.5 * (self.rotations.diagonal(dim1=1, dim2=2).sum(-1) - 1)
-        return torch.rad2deg(torch.atan2(sine, cosine))
+        angle = torch.atan2(sine, cosine)
+        stretch = torch.where(sine > 0, angle / sine.clamp_min(torch.finfo(sine.dtype).tiny), 1)
+        return torch.cat([axis * stretch[:, None], self.translations], dim=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Levers:
+    """How far turns carry the points of P scans, so that turns and shifts are measured alike, in metres.
+
+    With L = (mean of |p|^2 I - p p^T)^(1/2), a small rotation vector w moves the points p by |L w| (root mean
+    square): a long corridor is turned about its axis on a short lever, and about the others on a long one.
+
+    Attributes:
+        lengths: L (P, 3, 3), m.
+        inverses: L^-1 (P, 3, 3), 1/m.
+    """
+
+    lengths: torch.Tensor
+    inverses: torch.Tensor
+
+    @classmethod
+    def of(cls, points: torch.Tensor, owner: torch.Tensor, pairs: int) -> Levers:
+        """Of packed points (N, 3) of pairs `owner` (N,), about the origin; a short one where they lie on an axis."""
+        cross = cross_matrices(points)
+        sums = points.new_zeros(pairs, 3, 3).index_add_(0, owner, cross.transpose(1, 2) @ cross)
+        counts = torch.bincount(owner, minlength=pairs).clamp_min(1)
+        squares, axes = torch.linalg.eigh(sums / counts[:, None, None])
+        lengths = squares.clamp_min(SHORTEST**2 * squares[:, 2:]).sqrt().clamp_min(1e-12)
+        turned = axes.transpose(1, 2)
+        return cls(_product(axes * lengths[:, None], turned), _product(axes / lengths[:, None], turned))
+
+    def displacements(self, steps: torch.Tensor) -> torch.Tensor:
+        """Displacements (P, 6), m, of rotation vectors (rad) and translations (m), (P, 6)."""
+        return torch.cat([_product(self.lengths, steps[:, :3, None])[:, :, 0], steps[:, 3:]], dim=-1)
+
+    def steps(self, displacements: torch.Tensor) -> torch.Tensor:
+        """The inverse of `displacements`."""
+        turns = _product(self.inverses, displacements[:, :3, None])[:, :, 0]
+        return torch.cat([turns, displacements[:, 3:]], dim=-1)
 
 
 def rotations_of(vectors: torch.Tensor) -> torch.Tensor:

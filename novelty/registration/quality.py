@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from novelty.registration.matching import Matcher, Matches
-from novelty.registration.mixture import normal_equations, radius_of
+from novelty.registration.mixture import levers_of, normal_equations
 from novelty.registration.robust import WIDTH, distance_scale, group_quantile, group_sum, loss, scale_of
 
 
@@ -45,7 +45,7 @@ def measure(matcher: Matcher, matches: Matches) -> Quality:
     spread = scale_of(close.across, close.owner, pairs)
     noise = group_quantile(matcher.noise(close), close.owner, pairs, 0.5)
     scale = distance_scale(matcher, matches, pairs)
-    equations = normal_equations(matcher, matches, WIDTH * scale, radius_of(matcher))
+    equations = normal_equations(matcher, matches, WIDTH * scale, levers_of(matcher))
     return Quality(
         residual=(spread.square() - noise).clamp_min(0).sqrt(),
         overlap=_overlap(matcher, close, spread),

@@ -13,6 +13,7 @@ from novelty.registration.mixture import Alignment, align
 from novelty.registration.motion import Motions
 from novelty.registration.quality import Quality, cost, measure
 from novelty.registration.result import Registrations, RegistrationStatus
+from novelty.registration.robust import group_sum
 from novelty.registration.settings import Registration
 from novelty.registration.surfels import centres_of, surfels_of
 
@@ -21,6 +22,9 @@ MIN_SURFELS = 30
 
 SIGNIFICANT = 30.0
 """Least fall of the robust sum of squares that tells a better pose from chance (chi-square, 6 degrees: p = 4e-5)."""
+
+FARTHEST = 0.5
+"""How far a refinement moves the surfels, root mean square, as a share of their distance from their middle."""
 
 DEGREES_OF_FREEDOM = 6
 
@@ -88,6 +92,7 @@ def _judge(
         (refined.observable < DEGREES_OF_FREEDOM, RegistrationStatus.UNOBSERVABLE),
         (~better, RegistrationStatus.NO_BETTER),
         (~aligned.converged, RegistrationStatus.NOT_CONVERGED),
+        (_path(matcher, aligned.motions) > FARTHEST * _size(matcher), RegistrationStatus.FAR_AWAY),
         (~(refined.overlap >= min_overlap), RegistrationStatus.LOW_OVERLAP),
         (sizes < MIN_SURFELS, RegistrationStatus.TOO_FEW_CELLS),
     ):
@@ -116,3 +121,20 @@ def _shift(matcher: Matcher, motions: Motions) -> torch.Tensor:
     """How far the mean of the current surfels was moved, (P,), m."""
     means = centres_of(matcher.current.means, matcher.current.sizes)
     return (motions.apply(means, torch.arange(len(means))) - means).norm(dim=-1)
+
+
+def _path(matcher: Matcher, motions: Motions) -> torch.Tensor:
+    """How far the current surfels were moved, root mean square, (P,), m."""
+    means, owner = matcher.current.means, matcher.current.owner
+    return _root_mean_square(motions.apply(means, owner) - means, matcher)
+
+
+def _size(matcher: Matcher) -> torch.Tensor:
+    """Root-mean-square distance of the current surfels from their mean, (P,), m."""
+    means = matcher.current.means
+    return _root_mean_square(means - centres_of(means, matcher.current.sizes)[matcher.current.owner], matcher)
+
+
+def _root_mean_square(vectors: torch.Tensor, matcher: Matcher) -> torch.Tensor:
+    sizes = torch.tensor(matcher.current.sizes).clamp_min(1)
+    return (group_sum(vectors.square().sum(-1), matcher.current.owner, len(sizes)) / sizes).sqrt()

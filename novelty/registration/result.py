@@ -53,6 +53,13 @@ class RegistrationStatus(IntEnum):
         ),
     )
     NO_BETTER = 6, "the refined pose fits no better than the given one, which was kept"
+    FAR_AWAY = (
+        7,
+        (
+            "the scans fit best where the current one would be moved by more than half its own size, which is no "
+            "refinement, so the given pose was kept; give a better pose, or crop both scans to what they share"
+        ),
+    )
 
     @property
     def kept_given_pose(self) -> bool:

@@ -8,6 +8,7 @@ from typing import TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from novelty.errors import InputError
 from novelty.scan import ScanPair
 from novelty.simulation.changes import apply_changes
 from novelty.simulation.drive import Drive, drive, measure_drive
@@ -23,6 +24,9 @@ from novelty.simulation.world import World
 ROBOT_SENSOR_HEIGHT = 0.3
 """Height of the laser of a driving robot above the floor, m: on the deck of a Pioneer 3-AT."""
 
+STAND_OFF = 0.15
+"""Least distance of a sensor from every surface where it stands, m."""
+
 
 class PairOptions(TypedDict, total=False):
     """Options common to all pairs.
@@ -33,7 +37,8 @@ class PairOptions(TypedDict, total=False):
         density: Factor on the number of rays; 1.
         origins: Positions (3,) or poses (4, 4) of the sensor in the reference and in the current scan,
             each one or several; the scene's viewpoint.
-        viewpoint_shift: How far the sensor moves sideways and ahead between the scans, m; 0.
+        viewpoint_shift: How far the sensor moves between the scans, m; 0. Sideways and ahead, or another way where
+            something stands there.
         pose_error: Wrong placement of the current scan: shift (m) and turn (degrees); (0, 0).
         object_size: Of new objects, m (height of a person or box, diameter of a cylinder).
         reverse: Whether the changed world is scanned first, so that what was added is then removed; False.
@@ -107,9 +112,10 @@ def simulate_pair(
     before, after = _worlds(
         place, changes, changing, options.get("object_size"), options.get("reverse", False)
     )
-    ways = _ways(place, sensor, options, moving, drifting)
-    reference = measure_drive(RayScene(before), sensor, ways[0], first)
-    current = measure_drive(RayScene(after), sensor, ways[1], second)
+    unchanged, changed = RayScene(before), RayScene(after)
+    ways = _ways(place, (unchanged, changed), sensor, options, moving, drifting)
+    reference = measure_drive(unchanged, sensor, ways[0], first)
+    current = measure_drive(changed, sensor, ways[1], second)
     error = _about(ways[1].poses[0, :3, 3], random_motion(*options.get("pose_error", (0.0, 0.0)), erring))
     misplaced = current.believed_at(error @ current.believed)
     return pair_up(reference, misplaced, options.get("name", f"{place.name}-{seed}"))
@@ -166,6 +172,7 @@ def _sensor(options: PairOptions) -> Sensor:
 
 def _ways(
     scene: Scene,
+    worlds: Sequence[RayScene],
     sensor: Sensor,
     options: PairOptions,
     rng: np.random.Generator,
@@ -173,7 +180,7 @@ def _ways(
 ) -> tuple[Drive, Drive]:
     """Where the sensor was in the reference and in the current scan."""
     if scene.path is None or not isinstance(sensor.pattern, PushBroom):
-        standing = _poses(scene, options, rng)
+        standing = _poses(scene, worlds, options, rng)
         return Drive(standing[0], standing[0]), Drive(standing[1], standing[1])
     places = np.column_stack([scene.path, np.full(len(scene.path), ROBOT_SENSOR_HEIGHT)])
     spacing, mounting = sensor.pattern.spacing, options.get("mounting", (0.0, 0.0))
@@ -184,16 +191,41 @@ def _ways(
     return there, again
 
 
-def _poses(scene: Scene, options: PairOptions, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def _poses(
+    scene: Scene, worlds: Sequence[RayScene], options: PairOptions, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
     """Poses (S, 4, 4) of the sensor in the reference and in the current scan."""
     origins = options.get("origins")
     angle = rng.uniform(-np.pi / 4, np.pi / 4)
     if origins is not None:
         return as_poses(origins[0]), as_poses(origins[1])
     shifted = scene.viewpoint.copy()
-    shifted[:2, 3] += options.get("viewpoint_shift", 0.0) * np.array([np.cos(angle), np.sin(angle)])
-    shifted[:2, 3] = np.clip(shifted[:2, 3], *scene.floor)
+    shift = options.get("viewpoint_shift", 0.0)
+    if shift:
+        shifted[:3, 3] = _place_aside(scene, worlds, shift, angle)
     return scene.viewpoint[None], shifted[None]
+
+
+def _place_aside(scene: Scene, worlds: Sequence[RayScene], shift: float, angle: float) -> FloatArray:
+    """Where the sensor stands free (3,), `shift` metres from its first place as nearly towards `angle` as may be.
+
+    Free is what can be seen from the first place and keeps `STAND_OFF` from every surface, in all `worlds`.
+
+    Raises:
+        InputError: There is no such place.
+    """
+    first = scene.viewpoint[:3, 3]
+    angles = angle + np.radians([0, *(sign * turn for turn in range(15, 181, 15) for sign in (1, -1))])
+    places = np.repeat(first[None], len(angles), axis=0)
+    places[:, :2] += shift * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    places[:, :2] = np.clip(places[:, :2], *scene.floor)
+    free = np.all([w.sees(first, places) & (w.distance(places) >= STAND_OFF) for w in worlds], axis=0)
+    if not free.any():
+        raise InputError(
+            f"no free place for the sensor {shift:g} m from its viewpoint in scene {scene.name!r}; "
+            "give a smaller viewpoint_shift, or the places themselves as origins"
+        )
+    return places[np.argmax(free)]
 
 
 def _about(centre: FloatArray, motion: FloatArray) -> FloatArray:

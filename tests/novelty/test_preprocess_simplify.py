@@ -87,7 +87,9 @@ def test_a_batch_equals_its_members_alone_in_any_order(scale):
         start, stop = together.cells.offsets[cloud : cloud + 2]
         for attribute in ("points", "weights", "spreads"):
             part = getattr(together.cells, attribute)[start:stop]
-            np.testing.assert_array_equal(part, getattr(alone.cells, attribute), err_msg=f"{attribute} of {name!r}")
+            np.testing.assert_array_equal(
+                part, getattr(alone.cells, attribute), err_msg=f"{attribute} of {name!r}"
+            )
         np.testing.assert_array_equal(owners[cloud] - start, alone.cell_of_point, err_msg=name)
 
 

@@ -1,10 +1,12 @@
 """Pairs of simulated scans and their options."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from novelty.errors import InputError
 from novelty.scan import CHANGED, SEEN_ONCE
 from novelty.simulation import (
     BodyState,
@@ -66,6 +68,23 @@ def test_options_of_a_pair():
     small, large = (simulate_pair("room", 0, ("box",), object_size=size).after for size in (0.2, 0.6))
     assert np.ptp(small.bodies["box 1"].vertices[:, 2]) == pytest.approx(0.2)
     assert np.ptp(large.bodies["box 1"].vertices[:, 2]) == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("seed", [2, 117])
+def test_a_sensor_is_moved_to_where_nothing_stands(seed):
+    """The first place that comes to mind is inside a cabinet."""
+    pair = simulate_pair("corridor", seed, ("person",), viewpoint_shift=1.5, density=0.2)
+    places = [scan.origin for scan in (pair.scans.reference, pair.scans.current)]
+    assert np.linalg.norm(places[1] - places[0]) == pytest.approx(1.5)
+    for world in (pair.before, pair.after):
+        assert RayScene(world).sees(places[0], places[1][None]).all()
+        assert RayScene(world).distance(places[1][None])[0] >= 0.15
+
+
+def test_no_free_place_for_a_sensor_is_said():
+    outside = replace(make_scene("corridor", 0), floor=np.array([[-9.0, -9.0], [-8.0, -8.0]]))
+    with pytest.raises(InputError, match=r"no free place for the sensor 1\.5 m .* smaller viewpoint_shift"):
+        simulate_pair(outside, viewpoint_shift=1.5)
 
 
 def test_several_origins_make_one_scan_with_an_origin_per_point():
