@@ -57,7 +57,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class FitPlan:
-    """How one batch is fitted: the settings, K_max (one for all, or one per pair) and the seed.
+    """How one batch is fitted: the settings, K_max and the seed (each one for all, or one per pair).
 
     `reference` holds the mixtures of the reference scans where they are known already. `made`, a dictionary, lets
     several detectors share the fits they have in common; such a plan belongs to one batch.
@@ -65,9 +65,17 @@ class FitPlan:
 
     settings: Fit
     max_components: int | Sequence[int] = 20
-    seed: int = 0
+    seed: int | Sequence[int] = 0
     reference: FitResult | None = None
     made: dict[Hashable, Any] | None = field(default=None, compare=False, repr=False)
+
+    def per_scan(self, sides: int) -> tuple[int | list[int], int | list[int]]:
+        """K_max and seed for the scans of so many sides, one side after the other."""
+        orders, seeds = self.max_components, self.seed
+        return (
+            orders if isinstance(orders, int) else [*orders] * sides,
+            seeds if isinstance(seeds, int) else [*seeds] * sides,
+        )
 
     def once(self, what: Hashable, fit: Callable[[], T]) -> T:
         """The fit of this name; where detectors share fits it is made when it is first asked for."""
@@ -123,9 +131,7 @@ def fit_scans(sides: Sequence[PreparedScans], plan: FitPlan, return_path: bool =
         plan: How to fit them.
         return_path: Keep the mixtures of all orders, not the best ones only.
     """
-    max_components = plan.max_components
-    if not isinstance(max_components, int):
-        max_components = [*max_components] * len(sides)
+    max_components, seed = plan.per_scan(len(sides))
     return gmmtorch.fit_mdl(
         PointClouds.concatenate([fitted_clouds(scans, plan.settings) for scans in sides]),
         max_components=max_components,
@@ -133,7 +139,7 @@ def fit_scans(sides: Sequence[PreparedScans], plan: FitPlan, return_path: bool =
         n_init=plan.settings.n_init,
         min_std=plan.settings.min_std,
         covariance_floor=plan.settings.covariance_floor,
-        seed=plan.seed,
+        seed=seed,
         return_path=return_path,
     )
 

@@ -22,13 +22,11 @@ class KMeansMixture(MixtureBaseline):
 
     def cluster(self, clouds: PointClouds, plan: FitPlan) -> GaussianMixtures:
         """The K_max clusters of every cloud by scikit-learn's k-means; fewer where there are fewer points."""
-        sizes = (
-            [plan.max_components] * len(clouds)
-            if isinstance(plan.max_components, int)
-            else [*plan.max_components] * 2
-        )
-        parts = zip(clouds.split(clouds.points), clouds.split(clouds.weights), sizes, strict=True)
-        hard = [self._memberships(points, weights, k, plan.seed, max(sizes)) for points, weights, k in parts]
+        orders, seeds = plan.per_scan(sides=2)
+        sizes = [orders] * len(clouds) if isinstance(orders, int) else orders
+        seeds = [seeds] * len(clouds) if isinstance(seeds, int) else seeds
+        parts = zip(clouds.split(clouds.points), clouds.split(clouds.weights), sizes, seeds, strict=True)
+        hard = [self._memberships(*part, slots=max(sizes)) for part in parts]
         return clustered_mixtures(clouds, torch.cat(hard))
 
     def _memberships(

@@ -1,8 +1,9 @@
 """All settings of a sweep on a batch of pairs, every stage made once for all the runs that share it.
 
 The settings form a tree: those with one preprocessing share the prepared scans, of these those with one registration
-share the poses, of these those with one kind of fit are fitted as one tensor batch (each K_max of each pair is a member
-of it) by which detectors share what they have in common. Only the comparison and the labels are made run by run.
+share the poses, of these those with one kind of fit are fitted as one tensor batch (each K_max and each seed of each
+pair is a member of it) by which detectors share what they have in common. Only the comparison and the labels are made
+run by run.
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ def _registered(pairs: tuple[ScanPair, ...], batch: PreparedPairs, prepared: _Br
         registrations, seconds = _timed(partial(register, batch, branch.any.registration))
         aligned = batch.aligned(registrations.transforms)
         measured: Measured = {}
-        for posed in branch.charged("register", seconds, len(pairs)).branches(lambda c: (c.fit, c.seed)):
+        for posed in branch.charged("register", seconds, len(pairs)).branches(lambda c: c.fit):
             yield from _compared(pairs, aligned, registrations, posed, measured)
 
 
@@ -120,33 +121,33 @@ def _compared(
     fitted = posed.charged("fit", seconds, len(pairs))
     for setting, config in fitted.configs.items():
         clock = Clock()
-        own = models[config.chosen_detector, config.max_components]
+        own = models[config.chosen_detector, config.max_components, config.seed]
         results = compare_fitted(pairs, batch, registrations, own, config, clock, measured)
         seconds_each = {stage: total / len(pairs) for stage, total in clock.seconds.items()}
         for place, result in enumerate(results):
             yield Outcome(place, setting, replace(result, timings=fitted.owed | seconds_each))
 
 
-def _fits(batch: PreparedPairs, configs: Sequence[Config]) -> dict[tuple[Hashable, int], Models]:
-    """The mixtures of P pairs for every detector and K_max, by both: the orders are members of one tensor batch."""
-    orders = sorted({config.max_components for config in configs})
+def _fits(batch: PreparedPairs, configs: Sequence[Config]) -> dict[tuple[Hashable, int, int], Models]:
+    """The mixtures of P pairs for every detector, K_max and seed, by all three, fitted as members of one batch."""
+    kinds = sorted({(config.max_components, config.seed) for config in configs})
     pairs = len(batch)
-    members = [pair for _ in orders for pair in range(pairs)]
+    members = [pair for _ in kinds for pair in range(pairs)]
     cells = PreparedPairs(
         _cells_alone(batch.reference).select(members), _cells_alone(batch.current).select(members)
     )
     plan = FitPlan(
         settings=configs[0].fit,
-        max_components=[order for order in orders for _ in range(pairs)],
-        seed=configs[0].seed,
+        max_components=[order for order, _ in kinds for _ in range(pairs)],
+        seed=[seed for _, seed in kinds for _ in range(pairs)],
         made={},
     )
-    found: dict[tuple[Hashable, int], Models] = {}
+    found: dict[tuple[Hashable, int, int], Models] = {}
     for detector in dict.fromkeys(config.chosen_detector for config in configs):
         models = detector.fit(cells, plan)
-        for number, order in enumerate(orders):
+        for number, (order, seed) in enumerate(kinds):
             rows = range(number * pairs, (number + 1) * pairs)
-            found[detector, order] = models.select(rows, order)
+            found[detector, order, seed] = models.select(rows, order)
     return found
 
 

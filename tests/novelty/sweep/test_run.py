@@ -112,17 +112,24 @@ def test_shared_stages_are_made_once(small, monkeypatch):
             "detector": ["likelihood", "greedy_emd", "structural_matching", "joint_mixture"],
             "max_components": [3, 5],
         },
-        "configuration": {"registration.method": "none"},
+        "configuration": {"registration.method": "none", "fit.initializer": "random_points"},
+        "repetitions": 2,
     }
     described = Sweep.from_mapping(axes)
     pairs = [pair.load() for pair in pairs_of(described)]
     outcomes = list(compute(Prepared.of(pairs, settings_of(described), None), None))
-    assert len(outcomes) == 16
+    assert len(outcomes) == 32
     assert calls == {"prepare_pairs": 1, "register": 1}
     made = [what for what, known, _ in fits if not known]
     assert len(set(made)) == len(made) < len(fits)
     assert made.count("united") == 1  # what joint_mixture and the coupled detectors begin with
-    assert {members for *_, members in fits} == {4}  # two pairs at two orders are one tensor batch
+    assert {members for *_, members in fits} == {
+        8
+    }  # two pairs at two orders with two seeds are one tensor batch
+    monkeypatch.undo()
+    for one in outcomes[::5]:
+        alone = novelty.detect(pairs[one.place], one.setting.config)
+        np.testing.assert_array_equal(one.result.added.point_scores, alone.added.point_scores)
 
 
 def test_nothing_is_run_twice(small, tmp_path):
