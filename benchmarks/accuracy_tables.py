@@ -9,10 +9,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from scipy.stats import binomtest
 
 from benchmarks import accuracy_cases as cases
 from benchmarks.accuracy_rows import Row, Variant, grouped, interval, recorded, scored
@@ -102,7 +104,7 @@ def _variant(name: str, detector: str, **lengths: float) -> Variant:
 
 
 def mosd(options: Options) -> list[Row]:
-    """1. Real pairs: every detector with and without refinement."""
+    """1. Real pairs: every detector with and without refinement; mean [95 %]."""
     variants = [*detector_variants(options), *unrefined_variants(options), *paper_variants()]
     rows = recorded(
         options.file, scored(cases.real_pairs(options.final), variants, options.batch, options.workers)
@@ -116,10 +118,14 @@ def _show_mosd(title: str, rows: list[Row]) -> None:
     table = _table(title, "detector", "added", "removed", "worst", "seen once", "points novel", "s per pair")
     for (name,), part in grouped(rows, lambda row: (row.variant,)).items():
         kappas = [kappa for row in part for kappa in (row.kappa_added, row.kappa_removed)]
-        means = [interval(part, column).mean for column in ("kappa_added", "kappa_removed")]
+        spans = [interval(part, column) for column in ("kappa_added", "kappa_removed")]
         shares = [_percent(interval(part, column).mean) for column in ("seen_once", "flagged")]
         table.add_row(
-            name, *map(_number, (*means, np.nanmin(kappas))), *shares, f"{interval(part, 'seconds').mean:.2f}"
+            name,
+            *map(_short, spans),
+            _number(np.nanmin(kappas)),
+            *shares,
+            f"{interval(part, 'seconds').mean:.2f}",
         )
     console.print(table)
 
@@ -188,7 +194,7 @@ def falsealarms(options: Options) -> list[Row]:
     rows = recorded(options.file, scored(pairs, detector_variants(options), options.batch, options.workers))
     still = [row for row in rows if row.condition != cases.UNDISTURBED]
     table = _table(
-        "4. nothing changed: points flagged / pairs with any object / points with p <= 0.05",
+        "4. nothing changed: points flagged / pairs with any object [95 %] / points with p <= 0.05",
         "pairs",
         "n",
         *options.detectors,
@@ -196,7 +202,7 @@ def falsealarms(options: Options) -> list[Row]:
     for (data, condition), part in grouped(still, lambda row: (row.data, row.condition)).items():
         by_name = {name: [row for row in part if row.variant == name] for name in options.detectors}
         told = [
-            f"{_percent(interval(lines, 'flagged').mean)} / {_alarmed(lines):.0%} / "
+            f"{_percent(interval(lines, 'flagged').mean)} / {_alarmed(lines)} / "
             f"{_percent(interval(lines, 'at_level').mean)}"
             for lines in by_name.values()
         ]
@@ -206,8 +212,11 @@ def falsealarms(options: Options) -> list[Row]:
     return rows
 
 
-def _alarmed(rows: list[Row]) -> float:
-    return statistics.fmean(row.objects > 0 for row in rows)
+def _alarmed(rows: list[Row]) -> str:
+    """Share of the pairs with any object, with Wilson's interval."""
+    found = binomtest(sum(row.objects > 0 for row in rows), len(rows))
+    span = found.proportion_ci(method="wilson")
+    return f"{found.statistic:.0%} [{span.low:.0%}, {span.high:.0%}]"
 
 
 def _show_discoveries(rows: list[Row], options: Options) -> None:
@@ -316,37 +325,37 @@ def ablation(options: Options) -> list[Row]:
     rows = recorded(options.file, scored(pairs, variants, options.batch, options.workers))
     columns = list(grouped(rows, lambda row: (row.data, row.condition)))
     heads = [f"{data}\n{condition}" for data, condition in columns]
-    table = _table("7. mean kappa of both scans together", "variant", *heads)
+    table = _table("7. kappa of both scans together, mean [95 %]", "variant", *heads)
     for (name,), part in grouped(rows, lambda row: (row.variant,)).items():
-        means = [
-            interval(row for row in part if (row.data, row.condition) == column).mean for column in columns
-        ]
-        table.add_row(name, *map(_number, means), style="" if " without " in name else "bold")
+        spans = [interval(row for row in part if (row.data, row.condition) == column) for column in columns]
+        table.add_row(name, *map(_short, spans), style="" if " without " in name else "bold")
     console.print(table)
     return rows
 
 
-INGREDIENTS = {
-    "coupled fit": ("{}.fits", "independent"),
-    "components of its own": ("fit.unexplained_components", 0),
-    "merged start": ("fit.initializer", "evenly_spaced"),
-    "floor": ("{}.resolution_floor", "none"),
-    "refinement": ("refine.method", "none"),
-    "registration": ("registration.method", "none"),
-    "visibility": ("visibility.method", "none"),
-    "ground removal": ("preprocess.ground", "none"),
+INGREDIENTS: dict[str, dict[str, Any]] = {
+    "coupled fit": {"{}.fits": "independent"},
+    "coupled fit, with merging": {"{}.fits": "independent", "{}.merging": True},
+    "components of its own": {"fit.unexplained_components": 0},
+    "merged start": {"fit.initializer": "evenly_spaced"},
+    "floor": {"{}.resolution_floor": "none"},
+    "refinement": {"refine.method": "none"},
+    "registration": {"registration.method": "none"},
+    "visibility": {"visibility.method": "none"},
+    "ground removal": {"preprocess.ground": "none"},
 }
-"""A key of the configuration, {} standing for the detector's section, and its value without the ingredient."""
+"""Keys of the configuration, {} standing for the detector's section, and their values without the ingredient."""
 
 
 def _without_each(name: str) -> Iterator[Variant]:
     whole = Config(detector=name)
     yield Variant(name, whole)
     known = section_fields(type(getattr(whole, name)))
-    for ingredient, (pattern, value) in INGREDIENTS.items():
-        own = pattern.startswith("{}")
-        if not own or pattern.removeprefix("{}.") in known:
-            yield Variant(f"{name} without {ingredient}", whole.replace(**{pattern.format(name): value}))
+    for ingredient, changes in INGREDIENTS.items():
+        own = [key.removeprefix("{}.") for key in changes if key.startswith("{}.")]
+        if all(key in known for key in own):
+            changed = whole.replace(**{key.format(name): value for key, value in changes.items()})
+            yield Variant(f"{name} without {ingredient}", changed)
 
 
 TABLES: dict[str, Callable[[Options], list[Row]]] = {

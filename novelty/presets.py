@@ -21,6 +21,7 @@ PAPER: dict[str, Any] = {
     "greedy_emd.resolution_floor": "none",
     # Sections 2.4.2 and 3.2: metres beside pure numbers (eq. 9), U_T and U_R as printed.
     "structural_matching.fits": "independent",
+    "structural_matching.merging": False,
     "structural_matching.scale": "metre",
     "structural_matching.node_threshold": 3.5,
     "structural_matching.arc_threshold": 1.0,

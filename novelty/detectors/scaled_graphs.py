@@ -39,7 +39,7 @@ def build_scaled_graphs(
     Returns:
         Graphs whose distances are pure numbers; a component has one partner at most.
     """
-    table = torch.maximum(scaled_mean_distance(a, b), covariance_distance(a.covariances, b.covariances))
+    table = scaled_distance(a, b)
     alive = (a.weights > 0)[:, :, None] & (b.weights > 0)[:, None, :]
     nodes_a, nodes_b, distances, num_nodes = _nodes(table, alive & (table < node_threshold))
     exists = nodes_a >= 0
@@ -50,6 +50,11 @@ def build_scaled_graphs(
         terms_b = _among(arc_terms(inner_b, terms), nodes_b)
         adjacency &= relative_terms(terms_a, terms_b) <= arc_threshold**2  # w^2
     return CorrespondenceGraphs(nodes_a, nodes_b, distances, adjacency, num_nodes, table, node_threshold)
+
+
+def scaled_distance(a: Components, b: Components) -> Tensor:
+    """Eq. 9 in units of the components' own extent (P, K_a, K_b)."""
+    return torch.maximum(scaled_mean_distance(a, b), covariance_distance(a.covariances, b.covariances))
 
 
 def relative_terms(terms_a: Tensor, terms_b: Tensor) -> Tensor:

@@ -11,19 +11,23 @@ from pydantic import Field
 from torch import Tensor
 
 from gmmtorch import GaussianMixtures
+from gmmtorch.distances import combined_distance
 from novelty.detectors.base import Comparison, ComponentNovelty, Detector
 from novelty.detectors.coupling import fit_coupled
 from novelty.detectors.empty import empty_side_notes
 from novelty.detectors.resolution import blurred, cell_resolution
-from novelty.detectors.scaled_graphs import build_scaled_graphs
+from novelty.detectors.scaled_graphs import build_scaled_graphs, scaled_distance
 from novelty.fitting import FitPlan, Models, fit_independently
 from novelty.matching import (
     ArcTerms,
     CliqueStatus,
     Components,
     CorrespondenceGraphs,
+    Merged,
     build_correspondence_graphs,
     match_structure,
+    merge_cut_components,
+    unmerged,
 )
 from novelty.preprocess.prepared import PreparedPairs
 from novelty.section import section
@@ -40,6 +44,11 @@ class StructuralMatching(Detector):
     )
     coupled_iterations: int = Field(
         default=1, ge=0, description="EM iterations of each scan from the common mixture of `coupled` fits."
+    )
+    merging: bool = Field(
+        default=False,
+        description="Whether components that independent fits cut apart are joined before matching where together "
+        "they are much nearer to a component of the other mixture; coupled fits are cut alike, and need none.",
     )
     scale: Literal["component", "metre"] = Field(
         default="component",
@@ -86,17 +95,30 @@ class StructuralMatching(Detector):
         """Match the components of both mixtures; one clique answers both directions."""
         reference, current = models.reference.mixtures, models.current.mixtures
         resolution = cell_resolution(batch)
+        a, b = self._merged(self._components(current, resolution), self._components(reference, resolution))
         # Nodes (eq. 9) and arcs (eqs. 11-12) of every pair.
-        graphs = self._graphs(self._components(current, resolution), self._components(reference, resolution))
+        graphs = self._graphs(a.components, b.components)
         # The largest clique: matches that hold together.
         found = match_structure(graphs, self.node_budget)
-        # Components outside it are novelties.
-        added = self._told(current, reference, graphs.table, found.partners_a)
-        removed = self._told(reference, current, graphs.table.transpose(1, 2), found.partners_b)
+        # Components outside it are novelties; those that were joined share their answer.
+        added = self._told(current, a, b, graphs.table, found.partners_a)
+        removed = self._told(reference, b, a, graphs.table.transpose(1, 2), found.partners_b)
         unknown = torch.full_like(resolution, torch.nan)
         return Comparison(
             added, removed, distance=unknown, p_value=unknown, notes=_notes(batch, found.status)
         )
+
+    def _merged(self, a: Components, b: Components) -> tuple[Merged, Merged]:
+        """Both sides, with what the fits cut apart joined; each into what matches the other side best."""
+        if self.fits == "coupled" or not self.merging:
+            return unmerged(a), unmerged(b)
+        merged_a = merge_cut_components(a, b, self._distances)
+        return merged_a, merge_cut_components(b, merged_a.components, self._distances)
+
+    def _distances(self, a: Components, b: Components) -> Tensor:
+        if self.scale == "component":
+            return scaled_distance(a, b)
+        return combined_distance(a.means, a.covariances, b.means, b.covariances, self.length_scale)
 
     def _graphs(self, a: Components, b: Components) -> CorrespondenceGraphs:
         if self.scale == "component":
@@ -116,11 +138,13 @@ class StructuralMatching(Detector):
         return Components(mixtures.weights, mixtures.means, mixtures.covariances)
 
     def _told(
-        self, mixtures: GaussianMixtures, other: GaussianMixtures, table: Tensor, partners: Tensor
+        self, mixtures: GaussianMixtures, side: Merged, other: Merged, table: Tensor, partners: Tensor
     ) -> ComponentNovelty:
-        """Say of the components (P, K) of one side who their partners (P, K) are; table (P, K, K')."""
-        comparable = mixtures.mask & (other.num_components > 0)[:, None]
-        absent = ~(mixtures.mask[:, :, None] & other.mask[:, None, :])
+        """Say of the components (P, K) of one side who the partners of their slots (P, K) are; table (P, K, K')."""
+        there = other.components.weights > 0  # (P, K')
+        comparable = mixtures.mask & there.any(1)[:, None]
+        absent = ~(mixtures.mask[:, :, None] & there[:, None, :])
+        table, partners = side.spread(table), side.spread(partners)
         nearest, neighbours = table.masked_fill(absent, torch.inf).min(dim=2)
         matched = partners >= 0
         to_partner = table.gather(2, partners.clamp_min(0)[..., None]).squeeze(2)
@@ -134,15 +158,18 @@ class StructuralMatching(Detector):
             distances=distances,
             reasons=tuple(
                 tuple(
-                    self._reason(*told)
-                    for told in zip(partner[:k], distance[:k], near[:k], neighbour[:k], strict=True)
+                    self._reason(*told) + _company(number, group[:k])
+                    for number, told in enumerate(
+                        zip(partner[:k], distance[:k], near[:k], neighbour[:k], strict=True)
+                    )
                 )
-                for k, partner, distance, near, neighbour in zip(
+                for k, partner, distance, near, neighbour, group in zip(
                     mixtures.num_components.tolist(),
                     partners.tolist(),
                     distances.tolist(),
                     nearest.tolist(),
                     neighbours.tolist(),
+                    side.groups.tolist(),
                     strict=True,
                 )
             ),
@@ -162,6 +189,14 @@ class StructuralMatching(Detector):
             f"Novel: it could match component {neighbour} of the other mixture, at distance {nearest:.3g}, but no "
             f"such match agrees with the other matches (U_R = {self.arc_threshold:g}, eq. 11)."
         )
+
+
+def _company(number: int, groups: list[int]) -> str:
+    """With which components of its own mixture a component was joined before matching."""
+    joined = [str(other) for other, group in enumerate(groups) if group == groups[number] and other != number]
+    if not joined:
+        return ""
+    return f" Joined with component{'s' * (len(joined) > 1)} {', '.join(joined)} of its own mixture."
 
 
 def _notes(batch: PreparedPairs, status: Tensor) -> tuple[tuple[str, ...], ...]:

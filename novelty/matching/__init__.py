@@ -2,6 +2,7 @@
 
 from novelty.matching.clique import Clique, CliqueStatus, maximum_clique
 from novelty.matching.correspondence import Components, CorrespondenceGraphs, build_correspondence_graphs
+from novelty.matching.merging import Merged, merge_cut_components, unmerged
 from novelty.matching.structural import StructuralMatches, match_structure
 from novelty.matching.terms import ArcTerms, arc_terms
 
@@ -11,9 +12,12 @@ __all__ = [
     "CliqueStatus",
     "Components",
     "CorrespondenceGraphs",
+    "Merged",
     "StructuralMatches",
     "arc_terms",
     "build_correspondence_graphs",
     "match_structure",
     "maximum_clique",
+    "merge_cut_components",
+    "unmerged",
 ]

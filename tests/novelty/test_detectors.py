@@ -275,3 +275,32 @@ def test_likelihood_points_agree_with_their_components():
     assert comparison.p_value[0] < 0.1
     p_values = comparison.added.p_values[comparison.added.novel]
     assert (p_values <= Likelihood().false_discovery_rate).all()
+
+
+@pytest.mark.parametrize(("merging", "novel"), [(True, [False, False, False]), (False, [False, False, True])])
+def test_structural_matching_joins_what_an_independent_fit_cut_apart(merging, novel):
+    wall, floor = np.diag([1.0, 0.01, 0.5]), np.diag([2.0, 1.5, 0.01])
+    offset = np.array([np.sqrt(2 / np.pi), 0.0, 0.0])  # of the mean of one half of the wall
+    half = wall - np.outer(offset, offset)
+    place = np.array([0.0, 3.0, 1.0])
+    whole = GaussianMixtures.from_arrays(
+        [[0.5, 0.5]], np.stack([place, 0 * place])[None], np.stack([wall, floor])[None]
+    )
+    halves = GaussianMixtures.from_arrays(
+        [[0.25, 0.5, 0.25]],
+        np.stack([place - offset, 0 * place, place + offset])[None],
+        np.stack([half, floor, half])[None],
+    )
+    detector = StructuralMatching(
+        fits="independent", merging=merging, node_threshold=1.5, resolution_floor="none"
+    )
+    batch = pairs((room(0), room(1)))
+    models = detector.fit(batch, FitPlan(Fit(), 3))
+    models = Models(replace(models.reference, mixtures=whole), replace(models.current, mixtures=halves))
+    told = detector.compare(batch, models)
+    assert told.added.novel[0].tolist() == novel
+    assert told.removed.novel[0].tolist() == [False, False]
+    if merging:
+        assert told.added.matches[0].tolist() == [0, 1, 0]
+        assert told.removed.matches[0].tolist() == [0, 1]
+        assert told.added.reasons[0][0].endswith("Joined with component 2 of its own mixture.")

@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 import torch
 
+from gmmtorch.distances import combined_distance
 from novelty.errors import ConfigError
-from novelty.matching import ArcTerms, CliqueStatus, Components, build_correspondence_graphs, match_structure
+from novelty.matching import (
+    ArcTerms,
+    CliqueStatus,
+    Components,
+    build_correspondence_graphs,
+    match_structure,
+    merge_cut_components,
+)
 from tests.reference import clique as reference
 
 
@@ -27,7 +35,7 @@ def components(sides: list[tuple[np.ndarray, ...]], K: int) -> Components:
     covariances = torch.eye(3, dtype=torch.float64).repeat(P, K, 1, 1)
     for p, (mean, covariance) in enumerate(sides):
         size = len(mean)
-        weights[p, :size] = 1 / size
+        weights[p, :size] = 1 / max(size, 1)
         means[p, :size], covariances[p, :size] = torch.from_numpy(mean), torch.from_numpy(covariance)
     return Components(weights, means, covariances)
 
@@ -156,3 +164,51 @@ def test_thresholds_must_be_positive_numbers():
         for value in (0.0, -1.0, float("inf"), float("nan")):
             with pytest.raises(ConfigError, match=name):
                 build_correspondence_graphs(side, side, **{name: value})
+
+
+def metres(a: Components, b: Components) -> torch.Tensor:
+    return combined_distance(a.means, a.covariances, b.means, b.covariances)
+
+
+def cut(mean, covariance, axis: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Means (2, 3) and covariances (2, 3, 3) of the halves of a Gaussian, left and right of its mean."""
+    deviation = np.sqrt(covariance[axis, axis])
+    offset = np.eye(3)[axis] * deviation * np.sqrt(2 / np.pi)
+    half = covariance - np.outer(offset, offset)
+    return np.stack([mean - offset, mean + offset]), np.stack([half, half])
+
+
+def test_halves_are_joined_where_the_other_mixture_has_the_whole_and_a_new_thing_is_not():
+    wall, floor = np.diag([1.0, 0.01, 0.5]), np.diag([2.0, 1.0, 0.01])
+    whole = (np.array([[0.0, 3.0, 1.0], [0.0, 0.0, 0.0]]), np.stack([wall, floor]))
+    means, covariances = cut(whole[0][0], wall)
+    box_mean, box = np.array([[0.3, 2.7, 0.3]]), np.diag([0.02, 0.02, 0.03])[None]
+    pieces = (
+        np.concatenate([whole[0][1:], means[:1], box_mean, means[1:]]),
+        np.concatenate([whole[1][1:], covariances[:1], box, covariances[1:]]),
+    )
+    a, b = components([pieces, whole], 4), components([whole, whole], 3)
+    merged = merge_cut_components(a, b, metres)
+    assert merged.groups[0].tolist() == [0, 1, 2, 1]  # floor, half, box, half
+    assert merged.groups[1].tolist() == [0, 1, 2, 3]  # nothing was cut
+    np.testing.assert_allclose(merged.components.means[0, 1], whole[0][0], atol=1e-12)
+    np.testing.assert_allclose(merged.components.covariances[0, 1], wall, atol=1e-12)
+    assert merged.components.weights[0].tolist() == [0.25, 0.5, 0.25, 0.0]
+    assert merged.spread(torch.tensor([[5, 6, 7, 8]] * 2))[0].tolist() == [5, 6, 7, 6]
+    alone = merge_cut_components(components([pieces], 4), components([whole], 3), metres)
+    assert alone.groups.tolist() == merged.groups[:1].tolist()
+
+
+def test_quarters_are_joined_in_several_rounds_and_nothing_without_another_side():
+    wall = np.diag([4.0, 0.01, 0.5])
+    means, covariances = cut(np.zeros(3), wall)
+    quarters = [cut(mean, covariance) for mean, covariance in zip(means, covariances, strict=True)]
+    pieces = (np.concatenate([m for m, _ in quarters]), np.concatenate([c for _, c in quarters]))
+    merged = merge_cut_components(
+        components([pieces], 4), components([(np.zeros((1, 3)), wall[None])], 1), metres
+    )
+    assert merged.groups.tolist() == [[0, 0, 0, 0]]
+    nothing = (np.empty((0, 3)), np.empty((0, 3, 3)))
+    assert merge_cut_components(
+        components([pieces], 4), components([nothing], 2), metres
+    ).groups.tolist() == [[0, 1, 2, 3]]

@@ -28,7 +28,7 @@ from novelty.report.sweep.tables import (
     version_rows,
 )
 from novelty.report.sweep.views import pair_views
-from novelty.report.sweep.words import answer, clock, facts
+from novelty.report.sweep.words import answer, caution, clock, facts
 
 MOST_REASONS = 20
 """Reasons of failures that are listed."""
@@ -103,6 +103,7 @@ def _page(
         "folder": str(runs.root),
         "facts": facts(analysis),
         "answer": answer(analysis),
+        "caution": caution(analysis),
         "metrics": analysis.metrics,
         "studies": [_study(study, analysis.metrics) for study in analysis.scored],
         "comparison": _comparison(comparison, runs, other) if comparison and other is not None else None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from datetime import timedelta
 
@@ -35,6 +36,23 @@ def answer(analysis: SweepAnalysis) -> str:
     ends = "" if math.isnan(interval.low) else f" (95 % interval {interval.low:.3f} to {interval.high:.3f})"
     where = f" with {', '.join(names)}" if names else ""
     return f"Highest mean κ{where}: {interval.mean:.3f}{ends}."
+
+
+def caution(analysis: SweepAnalysis) -> str:
+    """What a comparison of the detectors must reckon with; empty where there is nothing to say."""
+    runs = analysis.runs
+    if runs.factor("detector") is None:
+        return ""
+    refined = [
+        json.loads(text).get("refine", {}).get("method", "none") != "none" for text in runs.configurations
+    ]
+    if not any(refined):
+        return ""
+    return (
+        "Labels were refined: whatever a detector calls novel is judged again, point by point and for all of them "
+        "alike, so that they differ less than they would alone. To compare the detectors themselves, run with "
+        "refine.method=none."
+    )
 
 
 def clock(analysis: SweepAnalysis) -> str:

@@ -70,6 +70,13 @@ def test_the_page_says_what_was_found(runs, tmp_path):
     assert "2.13.0" in page
 
 
+@pytest.mark.parametrize(("method", "told"), [("surface", True), ("none", False)])
+def test_refinement_that_all_detectors_share_is_said(tmp_path, method, told):
+    make_sweep(tmp_path / "rows", pairs=2, k_max=(8,), axes={"refine": [{"method": method}]})
+    page = page_of(SweepRuns.read(tmp_path / "rows"), tmp_path / "report.html")
+    assert ("run with refine.method=none" in page) == told
+
+
 def test_the_table_of_scores_holds_means_with_intervals(runs, tmp_path):
     page = page_of(runs, tmp_path / "report.html")
     table = re.search(r'data-metric-table="kappa"[^>]*>(.*?)</table>', page, re.DOTALL)[1]
