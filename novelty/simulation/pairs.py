@@ -209,7 +209,7 @@ def _poses(
 def _place_aside(scene: Scene, worlds: Sequence[RayScene], shift: float, angle: float) -> FloatArray:
     """Where the sensor stands free (3,), `shift` metres from its first place as nearly towards `angle` as may be.
 
-    Free is what can be seen from the first place and keeps `STAND_OFF` from every surface, in all `worlds`.
+    Free is what keeps `STAND_OFF` from every surface and is not inside a body, in all `worlds`.
 
     Raises:
         InputError: There is no such place.
@@ -219,7 +219,9 @@ def _place_aside(scene: Scene, worlds: Sequence[RayScene], shift: float, angle: 
     places = np.repeat(first[None], len(angles), axis=0)
     places[:, :2] += shift * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     places[:, :2] = np.clip(places[:, :2], *scene.floor)
-    free = np.all([w.sees(first, places) & (w.distance(places) >= STAND_OFF) for w in worlds], axis=0)
+    outside = [world.crossings(first, places) % 2 == 0 for world in worlds]
+    apart = [world.distance(places) >= STAND_OFF for world in worlds]
+    free = np.all([*outside, *apart], axis=0)
     if not free.any():
         raise InputError(
             f"no free place for the sensor {shift:g} m from its viewpoint in scene {scene.name!r}; "

@@ -93,6 +93,18 @@ class RayScene:
         slanted = (hits.ranges <= length + tolerance) & (hits.cosines < min_cosine)
         return (hits.ranges >= length - tolerance) & ~slanted
 
+    def crossings(self, origin: FloatArray, points: FloatArray) -> NDArray[np.int64]:
+        """How many surfaces the straight line from `origin` (3,) to each of `points` (N, 3) crosses: (N,).
+
+        Odd where one end is inside a closed body and the other is not.
+        """
+        sight = points - origin
+        directions = sight / np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-9)
+        starts = np.concatenate([np.broadcast_to(origin, points.shape), points]) - self._centre
+        rays = np.concatenate([starts, np.tile(directions, (2, 1))], axis=1).astype(np.float32)
+        counts = self._scene.count_intersections(rays).numpy().astype(np.int64)
+        return counts[: len(points)] - counts[len(points) :]
+
     def distance(self, points: FloatArray) -> NDArray[np.float32]:
         """Distance (N,), m, from each of `points` (N, 3) to the nearest surface of the world."""
         return self._scene.compute_distance((points - self._centre).astype(np.float32)).numpy()
