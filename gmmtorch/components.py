@@ -39,8 +39,10 @@ class Components:
         weights = torch.where(positive, weights, 0.0)
         present = (weights > 0)[..., None]
         identity = torch.eye(means.shape[-1], dtype=means.dtype, device=means.device)
+        # One after the other: `sum` adds in the lanes of the processor, and a slot more would change the last bit.
+        total = weights.cumsum(-1)[..., -1:] if weights.shape[-1] else weights
         return Components(
-            weights=weights / weights.sum(-1, keepdim=True).clamp_min(torch.finfo(weights.dtype).tiny),
+            weights=weights / total.clamp_min(torch.finfo(weights.dtype).tiny),
             means=torch.where(present, means, 0.0),
             covariances=torch.where(present[..., None], covariances, identity),
             factors=torch.where(present[..., None], factors, identity),
