@@ -286,14 +286,11 @@ def extrapolate(statistics: Statistics, previous: Components, workload: Workload
     identity = torch.eye(previous.means.shape[-1], dtype=step.dtype, device=step.device)
     before = previous.weights * workload.total[:, None]  # (B, K)
     spread = previous.covariances - workload.added[:, None, None, None] * identity
-    scatter = before[..., None, None] * spread
-    # Not `torch.lerp`: it rounds once in its vector lanes and twice beside them, so that a cloud's bits would depend
-    # on where it lies in the batch.
     longer = replace(
         statistics,
-        counts=before + length * (statistics.counts - before),
+        counts=torch.lerp(before, statistics.counts, length),
         first=length[..., None] * statistics.first,  # about the previous means, those of the mixture are 0
-        second=scatter + length[..., None, None] * (statistics.second - scatter),
+        second=torch.lerp(before[..., None, None] * spread, statistics.second, length[..., None, None]),
     )
     covariances = longer.covariances() + workload.added[:, None, None, None] * identity
     possible = (longer.counts > LEAST_SHARE * statistics.counts) & linalg.is_positive(covariances)

@@ -63,19 +63,21 @@ class Motions:
 
     def angles(self) -> torch.Tensor:
         """Rotation angles, degrees (P,); accurate near 0, where the trace is not."""
-        return torch.rad2deg(self.steps()[:, :3].norm(dim=-1))
+        return torch.rad2deg(self._turns()[1])
 
     def steps(self) -> torch.Tensor:
         """The steps (P, 6) by which `then` makes these motions from none; for turns of less than 180 degrees."""
-        skew = self.rotations - self.rotations.transpose(1, 2)
-        axis = 0.5 * torch.stack(
-            [skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], dim=-1
-        )  # sin(angle) times unit
-        sine = axis.norm(dim=-1)
-        cosine = 0.5 * (self.rotations.diagonal(dim1=1, dim2=2).sum(-1) - 1)
-        angle = torch.atan2(sine, cosine)
+        scaled_axis, angle = self._turns()
+        sine = scaled_axis.norm(dim=-1)
         stretch = torch.where(sine > 0, angle / sine.clamp_min(torch.finfo(sine.dtype).tiny), 1)
-        return torch.cat([axis * stretch[:, None], self.translations], dim=-1)
+        return torch.cat([scaled_axis * stretch[:, None], self.translations], dim=-1)
+
+    def _turns(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Axes of the rotations times the sine of their angles (P, 3), and the angles, rad (P,)."""
+        skew = self.rotations - self.rotations.transpose(1, 2)
+        scaled_axis = 0.5 * torch.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], dim=-1)
+        cosine = 0.5 * (self.rotations.diagonal(dim1=1, dim2=2).sum(-1) - 1)
+        return scaled_axis, torch.atan2(scaled_axis.norm(dim=-1), cosine)
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,9 +90,9 @@ def _judge(
     status = torch.full_like(sizes, RegistrationStatus.OK)
     for condition, code in (
         (refined.observable < DEGREES_OF_FREEDOM, RegistrationStatus.UNOBSERVABLE),
+        (_path(matcher, aligned.motions) > FARTHEST * _size(matcher), RegistrationStatus.FAR_AWAY),
         (~better, RegistrationStatus.NO_BETTER),
         (~aligned.converged, RegistrationStatus.NOT_CONVERGED),
-        (_path(matcher, aligned.motions) > FARTHEST * _size(matcher), RegistrationStatus.FAR_AWAY),
         (~(refined.overlap >= min_overlap), RegistrationStatus.LOW_OVERLAP),
         (sizes < MIN_SURFELS, RegistrationStatus.TOO_FEW_CELLS),
     ):

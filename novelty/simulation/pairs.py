@@ -209,7 +209,8 @@ def _poses(
 def _place_aside(scene: Scene, worlds: Sequence[RayScene], shift: float, angle: float) -> FloatArray:
     """Where the sensor stands free (3,), `shift` metres from its first place as nearly towards `angle` as may be.
 
-    Free is what keeps `STAND_OFF` from every surface and is not inside a body, in all `worlds`.
+    Less where the floor ends before. Free is what keeps `STAND_OFF` from every surface and is not inside a body, in
+    all `worlds`.
 
     Raises:
         InputError: There is no such place.

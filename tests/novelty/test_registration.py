@@ -9,7 +9,7 @@ from novelty.preprocess import Preprocess, prepare_pairs
 from novelty.preprocess.prepared import PreparedPairs, PreparedScans
 from novelty.preprocess.simplify import Scale, simplify
 from novelty.registration import Registration, Registrations, RegistrationStatus, register
-from novelty.registration.motion import cross_matrices, rotations_of
+from novelty.registration.motion import Motions, cross_matrices, rotations_of
 from novelty.scan import ScanPair
 from novelty.simulation.pairs import simulate_pair
 from novelty.simulation.poses import random_motion, rotation, transform
@@ -279,3 +279,15 @@ def test_rotations_are_the_exponentials_of_their_vectors_and_do_not_depend_on_th
     for n in range(40):
         assert torch.equal(rotations_of(vectors[n : n + 1])[0], together[n])
     assert torch.equal(rotations_of(torch.zeros(1, 3).double())[0], torch.eye(3).double())
+
+
+def test_steps_lead_to_the_motion_that_they_were_read_off():
+    steps = torch.tensor(
+        [[0.3, -1.2, 2.0, 1.0, 2.0, -3.0], [0.0] * 6, [1e-9, 0.0, 0.0, 0.0, 0.0, 0.0]]
+    ).double()
+    motions = Motions.identity(3).then(steps)
+    torch.testing.assert_close(motions.steps(), steps, rtol=1e-12, atol=1e-15)
+    half_turn = Motions(
+        torch.diag(torch.tensor([1.0, -1.0, -1.0])).double()[None], torch.zeros(1, 3).double()
+    )
+    assert half_turn.angles().tolist() == [180.0]

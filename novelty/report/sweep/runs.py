@@ -95,11 +95,6 @@ class SweepRuns:
         """The different strings of a column, without null."""
         return [value for value in pc.unique(self.table[column]).to_pylist() if value is not None]
 
-    @property
-    def configurations(self) -> list[str]:
-        """The different configurations, as JSON."""
-        return self.distinct("configuration")
-
     @cached_property
     def failed(self) -> NDArray[np.bool_]:
         """Runs without an answer, (R,)."""

@@ -43,10 +43,8 @@ def caution(analysis: SweepAnalysis) -> str:
     runs = analysis.runs
     if runs.factor("detector") is None:
         return ""
-    refined = [
-        json.loads(text).get("refine", {}).get("method", "none") != "none" for text in runs.configurations
-    ]
-    if not any(refined):
+    configurations = map(json.loads, runs.distinct("configuration"))
+    if all(config.get("refine", {}).get("method", "none") == "none" for config in configurations):
         return ""
     return (
         "Labels were refined: whatever a detector calls novel is judged again, point by point and for all of them "
