@@ -12,6 +12,7 @@ from gmmtorch import linalg
 from gmmtorch.clouds import PointClouds
 from gmmtorch.components import Components
 from gmmtorch.errors import ArgumentError, Status
+from gmmtorch.graphs import Stepper
 from gmmtorch.mixtures import GaussianMixtures
 from gmmtorch.problem import (
     CovarianceFloor,
@@ -171,9 +172,7 @@ def run_em(
     state = _run(workload, start, max_iterations, clouds)
     if workload.tolerance is None or workload.tiles.dtype == torch.float64:
         return state
-    precise = _run(
-        replace(workload, tiles=workload.tiles.in_double), state.components, max_iterations, clouds
-    )
+    precise = _run(workload.in_double, state.components, max_iterations, clouds)
     return replace(precise, num_iterations=state.num_iterations + precise.num_iterations)
 
 
@@ -220,7 +219,7 @@ def _run(workload: Workload, start: Components, max_iterations: int, clouds: Seq
     statistics = expectation(part.tiles, state.components, part.floor)
     state = replace(state, objective=statistics.objective, log_likelihood=statistics.log_likelihood)
     for iteration in range(max_iterations):
-        state, statistics = em_step(part, state, statistics)
+        state, statistics = _stepper(part, state)(state, statistics)
         if workload.tolerance is None or (iteration + 1) % _LOOK_EVERY:
             continue
         running = [i for i, done in enumerate(state.converged.tolist()) if not done]
@@ -233,6 +232,17 @@ def _run(workload: Workload, start: Components, max_iterations: int, clouds: Seq
         part, rows, state = part.take(running), rows[kept], state.take(kept)
         statistics = statistics.take(kept)
     return everything.put(rows, _evaluated(part, state))
+
+
+def _stepper(workload: Workload, state: EMState) -> Stepper:
+    """What makes the iterations of this workload, for as many slots as the state has."""
+    slots = state.components.weights.shape[1]
+    if slots not in workload.steppers:
+        tiles_and_more = replace(workload)  # without the steppers: no cycle keeps the device's memory
+        workload.steppers[slots] = Stepper(
+            lambda state, statistics: em_step(tiles_and_more, state, statistics)
+        )
+    return workload.steppers[slots]
 
 
 def em_step(workload: Workload, state: EMState, statistics: Statistics) -> tuple[EMState, Statistics]:

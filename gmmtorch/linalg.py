@@ -67,8 +67,13 @@ def log_determinant(factor: Tensor) -> Tensor:
 
 
 def precision_matrix(factor: Tensor) -> Tensor:
-    """S^-1 from the Cholesky factor of S: (..., D, D) -> (..., D, D)."""
-    return torch.cholesky_inverse(factor)
+    """S^-1 from the Cholesky factor of S: (..., D, D) -> (..., D, D).
+
+    Not by `torch.cholesky_inverse`, which waits for the device.
+    """
+    identity = torch.eye(factor.shape[-1], dtype=factor.dtype, device=factor.device)
+    whitening = torch.linalg.solve_triangular(factor, identity.expand_as(factor), upper=False)
+    return whitening.mT @ whitening
 
 
 @lru_cache(maxsize=32)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import torch
@@ -15,6 +16,7 @@ from gmmtorch.clouds import PointClouds
 from gmmtorch.coarsening import coarsen, thin
 from gmmtorch.components import Components
 from gmmtorch.errors import ArgumentError, ShapeError, Status
+from gmmtorch.graphs import Stepper
 from gmmtorch.hierarchy import Groups
 from gmmtorch.initializers import initial_groups
 from gmmtorch.mixtures import GaussianMixtures
@@ -62,6 +64,7 @@ class Workload:
         total: total weight N (B,).
         volume: nats by which log-likelihoods in the caller's units are below those in normalised ones (B,).
         relaxation: factor by which the M-steps grow while they succeed; 1 for EM's own steps.
+        steppers: on a device, what makes the iterations for a number of slots K.
     """
 
     tiles: Tiles
@@ -72,6 +75,12 @@ class Workload:
     total: Tensor
     volume: Tensor
     relaxation: float
+    steppers: dict[int, Stepper] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @cached_property
+    def in_double(self) -> Workload:
+        """The same work for arithmetic in float64."""
+        return replace(self, tiles=self.tiles.in_double)
 
     def take(self, clouds: Sequence[int]) -> Workload:
         """The part that belongs to these clouds (B',), known on the host; a cloud may repeat."""

@@ -206,10 +206,18 @@ def search_orders(
         shrinking = [k == order > 1 and v for k, v in zip(orders, valued, strict=True)]
         if order > 1:
             mask = torch.tensor(shrinking, device=total.device)
-            components = merge_closest_pair(components, total, mask).compact(order - 1)
+            components = merge_closest_pair(components, total, mask)
+            components = components.compact(_slots(order - 1, components))
             orders = [k - s for k, s in zip(orders, shrinking, strict=True)]
             valued = [v and not s for v, s in zip(valued, shrinking, strict=True)]
     return found
+
+
+def _slots(order: int, components: Components) -> int:
+    """Slots for mixtures of so many components; on a device in steps of 8, so that a graph serves several orders."""
+    if components.weights.device.type == "cpu":
+        return order
+    return min(components.weights.shape[1], -(-order // 8) * 8)
 
 
 def _record(

@@ -218,9 +218,7 @@ def _natural_parameters(
     """
     dim = to_center.shape[1]
     rows = _of_tile(precisions.flatten(2).transpose(1, 2).contiguous(), tiles)  # (G, D D, K)
-    eta = torch.empty(to_center.shape[0], linalg.num_lifted(dim), to_center.shape[2], dtype=dtype).to(
-        rows.device
-    )
+    eta = rows.new_empty(len(to_center), linalg.num_lifted(dim), to_center.shape[2], dtype=dtype)
     constant = _of_tile(log_scales, tiles)  # (G, K)
     for a in range(dim):
         slope = rows[:, a * dim] * to_center[:, 0]

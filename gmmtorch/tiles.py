@@ -29,6 +29,7 @@ __all__ = ["TILE", "Storage", "Tiles", "lift", "spatial_order"]
 TILE = 128
 """Points of a tile: in larger ones more components matter, smaller ones cost more by the tile."""
 _RIDGE = 1e-6  # of a tile's extent: the ellipsoid around a flat tile is a little thick
+_LONG_RUN = 1024  # tiles, 131 072 points: a device takes as long to launch their products as to make them
 _UNIT = 16  # tiles whose moments are added up in one place, by one thread
 
 
@@ -104,14 +105,14 @@ class Tiles:
             spreads = torch.where(mask, packed, 0.0).transpose(1, 2).contiguous()
         weights = torch.where(real, clouds.weights[source], 0.0)[:, None]
         storage = Storage(local, spreads, weights, centers, clouds.dtype)
-        return Tiles(storage, _starts(counts), counts)._without_short_runs()
+        return Tiles(storage, _starts(counts), counts)._in_long_runs()
 
     def take(self, clouds: Sequence[int]) -> Tiles:
         """The batch of these clouds (B',), known on the host, in this order; a cloud may repeat."""
         picked = Tiles(
             self.storage, tuple(self.first[b] for b in clouds), tuple(self.counts[b] for b in clouds)
         )
-        return picked._without_short_runs()
+        return picked._in_long_runs()
 
     @property
     def in_double(self) -> Tiles:
@@ -174,17 +175,19 @@ class Tiles:
                 runs.append((tile, start, length))
         return tuple(runs)
 
-    def _without_short_runs(self) -> Tiles:
-        """Copy the tiles one after the other where a run has just one, and add an empty tile to a single one.
+    def _in_long_runs(self) -> Tiles:
+        """Copy the tiles one after the other where runs are short, and add an empty tile to a single one.
 
-        The BLAS rounds a product of one matrix unlike one of several; without such products, the result of a cloud
-        does not depend on the others, to the last bit. The compiled loops of a CPU have no such needs.
+        On a device every run costs launches. And the BLAS rounds a product of one matrix unlike one of several;
+        without such products, the result of a cloud depends less on the others. The compiled loops of a CPU have no
+        such needs.
         """
-        if self.on_cpu or all(length > 1 for _, _, length in self.runs):
+        total = sum(self.counts)
+        if self.on_cpu or all(length >= max(2, min(total, _LONG_RUN)) for _, _, length in self.runs):
             return self
         device = self.storage.centers.device
         rows = torch.cat([torch.arange(start, start + length) for _, start, length in self.runs]).to(device)
-        if len(rows) > 1:
+        if total > 1:
             return Tiles(self.storage.take(rows), _starts(self.counts), self.counts)
         storage = self.storage.take(rows.expand(2))
         storage.weights[1] = 0.0

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 import torch
 
 from benchmarks.engine import fixed_order, orders
+from benchmarks.engine.devices import cuda_beside_cpu
 from benchmarks.engine.precision import precision
 from benchmarks.engine.timing import HEADER, Row, alternate
 from gmmtorch import PointClouds, fit_mdl, greedy_removals
@@ -56,6 +57,7 @@ def parts(runs: int, sizes: tuple[int, ...], small: bool) -> dict[str, Callable[
             "kmax": lambda: orders.many_orders(500),
             "removals": lambda: removals(1, 5),
             "precision": lambda: precision((1_000,), 2),
+            "devices": lambda: cuda_beside_cpu(1, (1_000,), 2),
         }
     return {
         "memory": lambda: memory(2_000_000),
@@ -67,6 +69,7 @@ def parts(runs: int, sizes: tuple[int, ...], small: bool) -> dict[str, Callable[
         "kmax": lambda: orders.many_orders(30_000),
         "removals": lambda: removals(runs),
         "precision": lambda: precision(sizes, 10),
+        "devices": lambda: cuda_beside_cpu(runs, (30_000, 100_000, 1_000_000)),
     }
 
 
