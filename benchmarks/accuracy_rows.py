@@ -28,6 +28,7 @@ from novelty.evaluation import (
     bootstrap_interval,
     evaluate_labels,
 )
+from novelty.preprocess import check_scan
 from novelty.result import Change, ResultStatus
 from novelty.scan import CHANGED, UNCHANGED, Scan
 from novelty.sweep.compute import Prepared, compute
@@ -126,6 +127,8 @@ def _score_batch(cases: list[Case], variants: Sequence[Variant]) -> list[Row]:
     pairs = [case.pair for case in cases]
     settings = [Setting(i, variant.config, {}, 0) for i, variant in enumerate(variants)]
     try:
+        for scan in (scan for pair in pairs for scan in (pair.reference, pair.current)):
+            check_scan(scan)
         outcomes = list(compute(Prepared.of(pairs, settings, None), None))
     except Exception as error:
         _log.warning("a batch is scored pair by pair: %s: %s", type(error).__name__, error)

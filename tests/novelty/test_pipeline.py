@@ -115,6 +115,18 @@ def test_far_from_the_origin_and_in_millimetres_the_labels_are_the_same(room):
             assert (mine.point_states != other.point_states).mean() < 1e-3
 
 
+@pytest.mark.parametrize(
+    ("scale", "settings"),
+    [(1 / 16, {}), *((16.0, {"detector": name, "refine.method": "none"}) for name in detector_names())],
+)
+def test_no_length_is_chosen_for_rooms(scale, settings):
+    config, pair = Config().replace(**settings), corridor_pair(seed=104, density=0.12)
+    result, expected = (novelty.detect(scans, config) for scans in (shifted(pair, np.zeros(3), scale), pair))
+    assert expected.added.point_labels.any()
+    for mine, other in ((result.added, expected.added), (result.removed, expected.removed)):
+        assert (mine.point_states != other.point_states).mean() < 1e-3
+
+
 @pytest.mark.parametrize("detector", ["likelihood", "unbalanced_emd"])
 def test_every_examined_point_has_a_p_value_and_new_things_small_ones(room, tmp_path, detector):
     added = novelty.detect(room, Config(detector=detector)).added
