@@ -7,8 +7,9 @@ from typing import Any
 PAPER: dict[str, Any] = {
     "detector": "greedy_emd",
     "max_components": 20,
-    # Section 2.2: Rusu's outliers, which are those of the whole scan.
+    # Section 2.2: Rusu's outliers, which are those of the whole scan; the ground goes as a plane.
     "preprocess.outliers": "statistical",
+    "preprocess.feet": False,
     # Section 2.3: a point of the simplified cloud is a point; Bouman's floor; one start, evenly spaced in scan order.
     "fit.moments": "centroid",
     "fit.initializer": "evenly_spaced",

@@ -60,11 +60,14 @@ class NoGround:
     reason: str
 
 
-def drop_ground(scan: Survivors, ground: Plane | NoGround) -> Survivors:
-    """Take out the ground's points; without a ground, take nothing and say so."""
+def drop_ground(
+    scan: Survivors, ground: Plane | NoGround, feet: NDArray[np.bool_] | None = None
+) -> Survivors:
+    """Take out the ground's points, but for feet (N,); without a ground, take nothing and say so."""
     if isinstance(ground, NoGround):
         return scan.noted(f"No ground was taken out: {ground.reason}.") if ground.reason else scan
-    return scan.only(~ground.holds(scan.points), STEP)
+    stays = ~ground.holds(scan.points)
+    return scan.only(stays if feet is None else stays | feet, STEP)
 
 
 def agree_on_ground(

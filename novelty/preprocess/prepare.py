@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gmmtorch import PointClouds
 from novelty.errors import InputError
 from novelty.preprocess.crop import crop
+from novelty.preprocess.feet import feet_of
 from novelty.preprocess.ground import (
     NoGround,
     Plane,
@@ -41,13 +42,17 @@ ADVICE = {
 
 @dataclass(frozen=True, eq=False)
 class _Examined:
-    """The points of one scan that are examined, all its returns and where the sensor met them, spacing and ground."""
+    """The points of one scan that are examined, all its returns and where the sensor met them, spacing and ground.
+
+    `feet` (N,) are the points that stay though the ground holds them; None where none are known.
+    """
 
     scan: Survivors
     returns: NDArray[np.float64]
     origins: NDArray[np.float64] | None
     spacing: Spacing
     ground: Plane | NoGround
+    feet: NDArray[np.bool_] | None = None
 
 
 def prepare_pairs(pairs: Sequence[ScanPair], settings: Preprocess, unit: str = "m") -> PreparedPairs:
@@ -65,7 +70,7 @@ def prepare_pairs(pairs: Sequence[ScanPair], settings: Preprocess, unit: str = "
     scans = [pair.reference for pair in pairs] + [pair.current for pair in pairs]
     examined = _examined_scans(scans, settings, unit)
     middle = len(pairs)
-    agreed = [_agreed(*both) for both in zip(examined[:middle], examined[middle:], strict=True)]
+    agreed = [_agreed(*both, settings) for both in zip(examined[:middle], examined[middle:], strict=True)]
     examined = [reference for reference, _ in agreed] + [current for _, current in agreed]
     prepared = _packed(scans, examined, settings)
     return PreparedPairs(
@@ -131,13 +136,17 @@ def _doubted(examined: _Examined) -> _Examined:
     return examined if note is None else replace(examined, scan=examined.scan.noted(note))
 
 
-def _agreed(reference: _Examined, current: _Examined) -> tuple[_Examined, _Examined]:
+def _agreed(reference: _Examined, current: _Examined, settings: Preprocess) -> tuple[_Examined, _Examined]:
     grounds = agree_on_ground((reference.ground, current.ground), (reference.scan, current.scan))
+    if settings.feet and isinstance(grounds[0], Plane) and isinstance(grounds[1], Plane):
+        one, other = reference.scan.points, current.scan.points
+        reference = replace(reference, feet=feet_of(one, grounds[0], other, grounds[1]))
+        current = replace(current, feet=feet_of(other, grounds[1], one, grounds[0]))
     return replace(reference, ground=grounds[0]), replace(current, ground=grounds[1])
 
 
 def _without_ground(examined: _Examined) -> _Examined:
-    left = drop_ground(examined.scan, examined.ground)
+    left = drop_ground(examined.scan, examined.ground, examined.feet)
     spacing = spacing_of(left.points) if len(left) < len(examined.scan) else examined.spacing
     return replace(examined, scan=_explained(left), spacing=spacing)
 

@@ -64,6 +64,11 @@ class Preprocess:
         description="Points this near to the plane belong to the ground, m; null: from the scan's own spacing "
         "and noise.",
     )
+    feet: bool = Field(
+        default=True,
+        description="Whether points that near stay where they stand higher than the ground that the other scan of the "
+        "pair measured around them: the feet of what has appeared.",
+    )
     simplify: Literal["or", "and", "none"] = Field(
         default="or",
         description="A cluster is split while it has more than `max_cell_size` points or (and) its surface "
