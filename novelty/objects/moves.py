@@ -12,6 +12,7 @@ bar is high, and each object has one partner at most.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,14 +27,20 @@ from novelty.visibility.rays import Rays, Sight, joint_sights
 
 Array = NDArray[np.float64]
 
-LEAST_AGREEMENT = 0.8
+LEAST_AGREEMENT = 0.75
 """Agreement above which two objects are one that was moved."""
+
+LEAST_SHARED = 1 / 3
+"""Part of either view that must lie on the other: a small thing finds a place on any large one."""
 
 AS_GOOD = 0.03
 """Motions whose agreement is this near the best are equally good: of these, the one that turns least is told."""
 
-LEAST_SIZE_RATIO = 0.8
-"""The longest edges of the two boxes may differ by this factor: one side of a thing may hide a part of it."""
+LEAST_SIZE_RATIO = 1 / 3
+"""Least ratio of the longest edges of two boxes: one scan may show an end of a thing, or a stray with it."""
+
+UNEQUAL = 0.1
+"""Boxes are of one length when the ends of the longer one stand over by less than this part of it."""
 
 LEAST_POINTS = 50
 """Fewer points have no shape."""
@@ -44,10 +51,10 @@ MOST_POINTS = 250
 DENSE_POINTS = 2000
 """Points of an object that others are measured against."""
 
-COARSE_POINTS = 120
-COARSE_STEPS, FINE_STEPS = 14, 12
-KEPT_STARTS = 6
-"""Motions that are refined; the first look takes fewer points and steps."""
+COARSE_POINTS = 80
+COARSE_STEPS, FINE_STEPS = 10, 12
+LIKELY_STARTS, KEPT_STARTS = 16, 6
+"""Motions whose agreement is looked at after the first look, which takes fewer points and steps; those refined."""
 
 TOLERANCE = 1.5
 """Points lie on the other's surface when nearer than this many of its own gaps."""
@@ -73,7 +80,7 @@ class Move:
         removed: Its index among the objects of the reference scan.
         added: Its index among the objects of the current scan.
         motion: (4, 4), from its place in the reference scan to its place in the current one, m, in the common frame.
-        agreement: How well the two views of it fit, 1 at best.
+        agreement: How well the two views of it fit under the best motion, 1 at best.
     """
 
     removed: int
@@ -145,13 +152,11 @@ def _best_move(pair: tuple[int, int], removed: Things, added: Things, resolution
     """The motion of the highest agreement; a symmetric thing has several, and of these the one that turns least."""
     before = _View.of(removed.points[pair[0]], removed.stations, resolution)
     after = _View.of(added.points[pair[1]], added.stations, resolution)
-    overlays = _overlays(before.sample, after.sample, max(before.tolerance, after.tolerance), up)
-    motions = np.tile(np.eye(4), (len(overlays.shifts), 1, 1))
-    motions[:, :3, :3], motions[:, :3, 3] = overlays.rotations.numpy(), overlays.shifts.numpy()
-    agreements = np.array([_agreement(motion, before, after, resolution) for motion in motions])
+    motions = _motions(before, after, resolution, up)
+    agreements = _agreements(motions, before, after, resolution)
     cosines = np.trace(motions[:, :3, :3], axis1=1, axis2=2)  # 1 + 2 cos of the turn
     best = int(np.argmax(np.where(agreements >= agreements.max() - AS_GOOD, cosines, -np.inf)))
-    return Move(*pair, motion=motions[best], agreement=float(agreements[best]))
+    return Move(*pair, motion=motions[best], agreement=float(agreements.max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,28 +208,55 @@ def _tolerance(points: Array, resolution: float) -> float:
     return min(max(TOLERANCE * float(np.median(gaps)), FINEST * resolution), COARSEST * longest)
 
 
-def _overlays(source: Array, target: Array, tolerance: float, up: Array) -> Overlays:
-    """Motions of `source` onto `target`: many starts on few points, the best of them on all points."""
+def _motions(before: _View, after: _View, resolution: float, up: Array) -> Array:
+    """Motions (S, 4, 4) of one view onto the other: many starts on few points, the best of them on all points."""
+    source, target = before.sample, after.sample
+    tolerance = max(before.tolerance, after.tolerance)
     boxes = [OrientedBox.around(points) for points in (source, target)]
-    rotations = np.concatenate([_turns_about(up), _between(*boxes)])
-    shifts = boxes[1].center - rotations @ boxes[0].center
+    turns = np.concatenate([_turns_about(up), _between(*boxes)])
+    shifts = [aim - turns @ anchor for anchor, aim in _anchors(boxes, (source, target))]
+    rotations = torch.from_numpy(np.tile(turns, (len(shifts), 1, 1)))
     first = overlay(
         torch.from_numpy(_thinned(source, COARSE_POINTS)),
         torch.from_numpy(_thinned(target, COARSE_POINTS)),
-        torch.from_numpy(rotations),
-        torch.from_numpy(shifts),
+        rotations,
+        torch.from_numpy(np.concatenate(shifts)),
         2 * tolerance,
         COARSE_STEPS,
     )
-    kept = first.best(KEPT_STARTS, 1.5 * tolerance)
-    return overlay(
+    likely = first.best(LIKELY_STARTS, 1.5 * tolerance)
+    agreements = torch.from_numpy(_agreements(_matrices(likely), before, after, resolution))
+    kept = agreements.argsort(descending=True, stable=True)[:KEPT_STARTS]
+    refined = overlay(
         torch.from_numpy(source),
         torch.from_numpy(target),
-        torch.cat([first.rotations[:1], kept.rotations]),  # the first start does not turn
-        torch.cat([first.shifts[:1], kept.shifts]),
+        torch.cat([first.rotations[:1], likely.rotations[kept]]),  # the first start does not turn
+        torch.cat([first.shifts[:1], likely.shifts[kept]]),
         2 * tolerance,
         FINE_STEPS,
     )
+    return _matrices(refined)
+
+
+def _anchors(boxes: Sequence[OrientedBox], points: Sequence[Array]) -> list[tuple[Array, Array]]:
+    """Places of two views, (3,) each, that may be one place: their middles; where one is longer, its ends' as well."""
+    middles = [box.center for box in boxes]
+    anchors = [(middles[0], middles[1]), (np.median(points[0], axis=0), np.median(points[1], axis=0))]
+    slack = (boxes[1].extent[0] - boxes[0].extent[0]) / 2
+    longer = int(slack > 0)
+    if abs(slack) > UNEQUAL * boxes[longer].extent[0]:
+        for end in (-1, 1):
+            anchor = list(middles)
+            anchor[longer] = middles[longer] + end * abs(slack) * boxes[longer].rotation[:, 0]
+            anchors.append((anchor[0], anchor[1]))
+    return anchors
+
+
+def _matrices(overlays: Overlays) -> Array:
+    """The motions as matrices (S, 4, 4)."""
+    motions = np.tile(np.eye(4), (len(overlays.shifts), 1, 1))
+    motions[:, :3, :3], motions[:, :3, 3] = overlays.rotations.numpy(), overlays.shifts.numpy()
+    return motions
 
 
 def _turns_about(up: Array) -> Array:
@@ -241,24 +273,29 @@ def _between(first: OrientedBox, second: OrientedBox) -> Array:
     return (second.rotation * signs[:, None]) @ first.rotation.T
 
 
-def _agreement(motion: Array, before: _View, after: _View, resolution: float) -> float:
-    """Share of points on the other's surface, less what contradicts."""
-    rotation, shift = motion[:3, :3], motion[:3, 3]
-    moved = before.sample @ rotation.T + shift, after
-    back = (after.sample - shift) @ rotation, before
+def _agreements(motions: Array, before: _View, after: _View, resolution: float) -> Array:
+    """Share of points on the other's surface, less what contradicts, for each motion (S, 4, 4): (S,).
+
+    At most 0 where a view shares too little with the other to tell anything.
+    """
+    rotations, shifts = motions[:, :3, :3], motions[:, None, :3, 3]
+    moved = before.sample @ rotations.transpose(0, 2, 1) + shifts, after  # (S, A, 3)
+    back = (after.sample - shifts) @ rotations, before  # (S, B, 3)
     lying = [view.tree.query(places)[0] < view.tolerance for places, view in (moved, back)]
     against = [
-        _contradicts(places, on, view.stations, resolution)
+        _contradictions(places, on, view.stations, resolution)
         for (places, view), on in zip((moved, back), lying, strict=True)
     ]
-    return float(max(on.mean() for on in lying) - max(against))
+    shares = [on.mean(axis=1) for on in lying]
+    agreements: Array = np.maximum(*shares) - np.maximum(*against)
+    return np.where(np.minimum(*shares) >= LEAST_SHARED, agreements, np.minimum(agreements, 0.0))
 
 
-def _contradicts(
+def _contradictions(
     places: Array, lying: NDArray[np.bool_], stations: tuple[Rays, ...], resolution: float
-) -> float:
-    """Twice the share of places off the thing that the scan saw to be empty; without rays, those off the thing."""
+) -> Array:
+    """Twice the share of places (S, A, 3) off the thing that the scan saw to be empty; without rays, those off it."""
     if not stations:
-        return float((~lying).mean())
-    empty = joint_sights(stations, places, SEEN_THROUGH * resolution) == Sight.SEEN_THROUGH
-    return 2 * float((~lying & empty).mean())
+        return (~lying).mean(axis=1)
+    sights = joint_sights(stations, places.reshape(-1, 3), SEEN_THROUGH * resolution).reshape(lying.shape)
+    return 2.0 * (~lying & (sights == Sight.SEEN_THROUGH)).mean(axis=1)

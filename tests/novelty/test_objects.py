@@ -166,6 +166,25 @@ def test_what_the_other_scan_saw_to_be_empty_speaks_against_a_move(rng):
     assert agreed(hidden) <= 1
 
 
+def test_an_end_of_a_thing_is_recognised_where_something_hid_the_rest(rng):
+    from novelty.visibility import Rays
+
+    knob = rng.normal((-0.65, 0.0, 0.35), 0.05, (150, 3))
+    whole = np.concatenate([carton(rng, (1.5, 0.3, 0.2), ((1, -1), (2, 1), (0, -1))), knob])
+    end, motion = whole[whole[:, 0] < 0.0], turned_and_shifted(100, (2.0, 1.0, 0.0))
+    assert len(end) > 100
+    after = whole @ motion[:3, :3].T + motion[:3, 3]
+    sensor = np.array([0.0, -4.0, 1.0])
+    x, z = np.meshgrid(np.linspace(-0.05, 0.8, 80), np.linspace(0.2, 0.8, 80))
+    screen = np.stack([x.ravel(), np.full(x.size, -2.0), z.ravel()], axis=-1)
+    wall = np.stack(np.meshgrid(np.linspace(-4, 4, 200), [3.0], np.linspace(-3, 2, 150)), -1).reshape(-1, 3)
+    before = Rays.of(np.concatenate([end, screen, wall]), sensor)
+    (move,) = find_moves(Things((end,), (before,)), Things((after,), (Rays.of(after, sensor),)), 0.01, UP)
+    np.testing.assert_allclose(move.motion, motion, atol=0.05)
+    without_screen = Rays.of(np.concatenate([end, wall]), sensor)
+    assert not find_moves(Things((end,), (without_screen,)), Things((after,), ()), 0.01, UP)
+
+
 @pytest.fixture(scope="module")
 def moved_bin():
     simulated = simulate_pair("corridor", 3, ("move",), noise=0.01)
