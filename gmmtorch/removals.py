@@ -10,9 +10,19 @@ is
 which bounds the distance without s from below. Potentials of every problem solved so far are kept,
 completed for the rows they had left out, and the best bound of them all is used. Candidates are solved in
 order of their bounds until the bound exceeds the best distance found: the answer is that of the plain loop.
+
+Weights that total 1 hide changes from one another. What was added (A) and what is gone (R) lie far from everything, so
+each serves the other at a cost of about 1, the distance is about max(A, R), and no removal of the lesser one lowers it.
+It rises, a little, only because what remains is scaled to 1. The work of carrying what remains at its own weights,
+
+    work = distance x remaining weight,
+
+falls all the same, since what is gone need no longer be carried; a component with a counterpart, whose removal makes
+its neighbours travel, raises both. `until="work"` stops there.
 """
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 import torch
@@ -32,7 +42,7 @@ class Removals:
     Attributes:
         removed: True for the components removed for good (B, K_a).
         order: component whose removal led to `distances[b, r]` (B, K_a) int64; -1 for r = 0 and beyond the last round.
-            The removal that raised the distance and was put back is the last one listed.
+            The removal that was put back is the last one listed.
         distances: earth mover's distance after r removals (B, K_a), in the unit of the cost; NaN beyond the last.
         num_removed: number of components removed for good (B,) int64.
         num_solves: transport problems solved (B,) int64.
@@ -54,11 +64,12 @@ def greedy_removals(
     *,
     tolerance: float = 1e-9,
     renormalise: bool = True,
+    until: Literal["distance", "work"] = "distance",
     full_order: bool = False,
 ) -> Removals:
     """Remove components of the first mixtures while the distance to the second does not rise (Algorithm 2).
 
-    The removal that raised the distance is put back (line 7). The last component is never removed.
+    The removal that raised it is put back (line 7). The last component is never removed.
 
     Args:
         weights_a: weights of the mixtures that lose components (B, K_a); 0 marks padding, never removed.
@@ -68,7 +79,9 @@ def greedy_removals(
         renormalise: bring the weights of a back to a total of 1 after each removal. False leaves them as they
             are and takes the partial distance of Rubner et al. (1998): all of a is carried, the rest of b
             stays unserved, and the cost is divided by the weight carried. It tends to remove every component.
-        full_order: go on to the last component after the distance has risen, for the sake of `order` and
+        until: what ends the removals by rising: the distance, or the work, which is the distance times the weight that
+            remains of a. Either way the component whose removal leaves the least distance goes first.
+        full_order: go on to the last component after it has risen, for the sake of `order` and
             `distances`; `removed` is the same.
 
     Returns:
@@ -91,7 +104,7 @@ def greedy_removals(
         if status[p] != TransportStatus.OPTIMAL:
             continue
         search = _Search.of(a[p, rows], b[p, columns], active, renormalise)
-        status[p] = search.run(tolerance, full_order)
+        status[p] = search.run(tolerance, until == "work", full_order)
         length = len(search.distances)
         order[p, 1:length] = rows[search.order]
         distances[p, :length] = search.distances
@@ -126,19 +139,20 @@ class _Search:
         rows = cost / scale if renormalise else np.vstack([cost / scale, np.zeros_like(b)])
         return cls(a / a.sum(), b / b.sum(), rows, scale, not renormalise)
 
-    def run(self, tolerance: float, full_order: bool) -> TransportStatus:
+    def run(self, tolerance: float, by_work: bool, full_order: bool) -> TransportStatus:
         """Algorithm 2, lines 1-7."""
         remaining = np.arange(len(self.a))
         distance, current = self._solve(remaining)
         self.distances.append(distance * self.scale)
         risen = False
         while len(remaining) > 1 and (full_order or not risen) and not np.isnan(distance):
-            previous = distance
+            previous, carried = distance, self.a[remaining].sum()
             s, distance, current = self._select(remaining, current)
             remaining = remaining[remaining != s]
             self.order.append(int(s))
             self.distances.append(distance * self.scale)
-            risen = risen or not distance <= previous + tolerance
+            share = self.a[remaining].sum() / carried if by_work else 1.0
+            risen = risen or not distance * share <= previous + tolerance
             self.num_removed += not risen
         return TransportStatus.NOT_CONVERGED if np.isnan(distance) else TransportStatus.OPTIMAL
 

@@ -20,6 +20,7 @@ PAPER: dict[str, Any] = {
     "greedy_emd.fits": "independent",
     "greedy_emd.ground_distance": "mean",
     "greedy_emd.resolution_floor": "none",
+    "greedy_emd.until": "distance",
     # Sections 2.4.2 and 3.2: metres beside pure numbers (eq. 9), U_T and U_R as printed.
     "structural_matching.fits": "independent",
     "structural_matching.merging": False,

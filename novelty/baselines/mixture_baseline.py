@@ -53,7 +53,10 @@ class MixtureBaseline(Baseline):
     def compare(self, batch: PreparedPairs, models: Models) -> Comparison:
         """Remove what keeps each mixture away from the other (Algorithm 2)."""
         greedy = GreedyEmd(
-            fits="independent", ground_distance=self.ground_distance, resolution_floor=self.resolution_floor
+            fits="independent",
+            ground_distance=self.ground_distance,
+            resolution_floor=self.resolution_floor,
+            until="distance",
         )
         return greedy.compare(batch, models)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -29,6 +29,17 @@ def pooled_counts(batch: PreparedPairs, models: Models) -> tuple[Tensor, Tensor]
     own, other = (pooled.counts(cells) for cells in (current, reference))
     comparable = (own.sum(1, keepdim=True) > 0) & (other.sum(1, keepdim=True) > 0)
     return torch.where(comparable, own, 0.0), torch.where(comparable, other, 0.0)
+
+
+def pooled_cells(batch: PreparedPairs, models: Models) -> Tensor:
+    """Expected number of cells, of both scans together, in the components of both mixtures (P, K + K')."""
+    reference, current = batch.reference.cells, batch.current.cells
+    pooled = _Pool.of(models, current.total_weights, reference.total_weights)
+    own, other = (
+        pooled.counts(replace(cells, weights=(cells.weights > 0).to(cells.weights)))
+        for cells in (current, reference)
+    )
+    return own + other
 
 
 def log_density_ratio(own: Tensor, other: Tensor) -> Tensor:

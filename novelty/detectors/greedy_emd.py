@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import torch
@@ -49,10 +50,15 @@ class GreedyEmd(Detector):
         default="cell",
         description="Spread added to every component before distances are taken: the size of a cell, or none.",
     )
+    until: Literal["work", "distance"] = Field(
+        default="work",
+        description="What ends the removals by rising: the work of carrying the weight that remains, or, as in the "
+        "paper, the distance, for which it is scaled to 1, so that what was added hides what is gone.",
+    )
     tolerance: float = Field(
         default=1e-9,
         ge=0,
-        description="A rise of the distance up to this share of the largest ground distance is no rise.",
+        description="A rise up to this share of the largest ground distance is no rise.",
     )
 
     def fit(self, batch: PreparedPairs, plan: FitPlan) -> Models:
@@ -69,8 +75,9 @@ class GreedyEmd(Detector):
         apart = emd(current.weights, reference.weights, cost)
         # Algorithm 2, and the same with the roles exchanged.
         gone_cost, gone_plan = cost.transpose(1, 2), apart.plan.transpose(1, 2)
-        added = greedy_removals(current.weights, reference.weights, cost, tolerance=self.tolerance)
-        removed = greedy_removals(reference.weights, current.weights, gone_cost, tolerance=self.tolerance)
+        removals = partial(greedy_removals, tolerance=self.tolerance, until=self.until)
+        added = removals(current.weights, reference.weights, cost)
+        removed = removals(reference.weights, current.weights, gone_cost)
         return Comparison(
             added=self._told(_Direction(current, cost, apart.plan, added)),
             removed=self._told(_Direction(reference, gone_cost, gone_plan, removed)),

@@ -36,7 +36,8 @@ class HeldOutScores:
     ) -> HeldOutScores:
         """Deal the cells to two halves and score each by both halves' mixtures.
 
-        A half's mixture is one M-step from the whole scan's, over its own cells alone.
+        A half's mixture is one M-step from the whole scan's, over its own cells alone. A component of which a half has
+        less than a block is missing there because the scan was halved, and not by chance: its cells are no evidence, 0.
 
         Args:
             cells: P clouds.
@@ -52,6 +53,7 @@ class HeldOutScores:
         one, other = (_blurred(half, resolution).log_prob(chosen) for half in halves)
         scores = torch.where(own, one - other, other - one)
         scores = scores.nan_to_num(0.0)  # half of a scan without mixture: no evidence
+        scores = torch.where(_in_both_halves(cells, posterior.components, first, block)[scored], scores, 0.0)
         return cls(tuple(_ascending(piece) for piece in chosen.split(scores)))
 
     def p_values(self, scores: Tensor) -> Tensor:
@@ -63,6 +65,15 @@ class HeldOutScores:
         return torch.cat(
             [_p_values(null, asked) for null, asked in zip(self.scores, cells.split(scores), strict=True)]
         )
+
+
+def _in_both_halves(cells: PointClouds, components: Tensor, first: Tensor, least: int) -> Tensor:
+    """Whether each cell is of a component that claims at least so many cells of either half (N,)."""
+    slots = int(components.max()) + 1 if len(components) else 0
+    places = cells.cloud_index * slots + components
+    places = torch.where(components >= 0, places, len(cells) * slots)
+    counts = [torch.bincount(places[half], minlength=len(cells) * slots + 1) for half in (first, ~first)]
+    return (torch.minimum(*counts) >= least)[places]
 
 
 def _p_values(null: Tensor, scores: Tensor) -> Tensor:

@@ -113,9 +113,9 @@ class Likelihood(Detector):
             reference.cells, reference.mixtures, reference.posterior, reference.resolution, self.min_cells
         )
         p_values = null.p_values(reached)
-        significant = discoveries(p_values, self.false_discovery_rate)
-        # Few cells and scores that do not matter are no novelty, however rare.
-        enough = significant & (_count_per_component(groups, mixtures) >= self.min_cells)
+        # Few cells and scores that do not matter are no novelty, however rare; what has too few is not tested.
+        tested = _count_per_component(groups, mixtures) >= self.min_cells
+        enough = discoveries(torch.where(tested, p_values, torch.nan), self.false_discovery_rate)
         excess = reached + math.log(self.explained_share)
         excess = torch.where(enough, excess, excess.clamp_max(0.0))
         novel = excess > 0

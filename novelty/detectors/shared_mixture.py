@@ -23,8 +23,8 @@ from novelty.detectors.united import fit_united, unite
 from novelty.fitting import FitPlan, Models, fitted_clouds
 from novelty.preprocess.prepared import PreparedPairs
 
-ITERATIONS = 10
-"""EM iterations over both scans after new components have come in."""
+ITERATIONS = 1
+"""EM iterations over both scans after new components have come in; more would let what is new grow into a wall."""
 LEAST_POINTS = 10
 """Points that each scan must have in a component for its moments to be known: as many as a Gaussian has parameters."""
 

@@ -34,16 +34,18 @@ def assert_same_course(found: Removals, a: np.ndarray, b: np.ndarray, cost: np.n
         assert found.order[p, 1 : length + 1].tolist() == order
         assert (found.order[p, length + 1 :] == -1).all()
         np.testing.assert_allclose(found.distances[p, : length + 1], distances, rtol=1e-10, atol=1e-12)
-        put_back = length > 0 and distances[-1] > distances[-2] + 1e-9 * cost[p].max()
+        left = a[p].sum() - a[p][order[:-1]].sum()
+        share = 1 - a[p][order[-1]] / left if order and options.get("until") == "work" else 1
+        put_back = length > 0 and distances[-1] * share > distances[-2] + 1e-9 * cost[p].max()
         assert found.removed[p].nonzero().ravel().tolist() == sorted(order[:-1] if put_back else order)
         assert found.num_removed[p] == length - put_back
 
 
-@pytest.mark.parametrize("renormalise", [True, False])
+@pytest.mark.parametrize("options", [{}, {"renormalise": False}, {"until": "work"}])
 @pytest.mark.parametrize(("K", "num_new"), [(1, 0), (2, 1), (3, 1), (6, 3), (16, 3), (16, 16)])
-def test_the_answer_is_that_of_the_plain_loop(K: int, num_new: int, renormalise: bool):
+def test_the_answer_is_that_of_the_plain_loop(K: int, num_new: int, options: dict):
     problem = changed_rooms(K + num_new, 12, K, num_new)
-    assert_same_course(remove(*problem, renormalise=renormalise), *problem, renormalise=renormalise)
+    assert_same_course(remove(*problem, **options), *problem, **options)
 
 
 @pytest.mark.parametrize("renormalise", [True, False])
@@ -76,10 +78,24 @@ def test_an_added_component_is_removed_and_the_raising_removal_is_put_back():
     assert found.distances[0, 2] > 0.1
 
 
-def test_identical_mixtures_lose_nothing():
+def test_what_was_added_hides_what_is_gone_from_the_distance_and_not_from_the_work():
+    cost = 0.6 * (1 - np.eye(6))[None]
+    cost[0, 4:] = cost[0, :, 4:] = 0.9  # the last two are far from everything
+    cost[0, 4, 5] = 0.8  # and, if anything, nearer to each other
+    added = np.array([[0.2, 0.2, 0.2, 0.1, 0.3, 0.0]])
+    gone = np.array([[0.23, 0.23, 0.23, 0.115, 0.0, 0.195]])
+    backward = gone, added, cost.transpose(0, 2, 1)
+    assert not remove(*backward).removed.any()
+    assert remove(*backward, until="work").removed[0].nonzero().ravel().tolist() == [5]
+    for until in ("distance", "work"):
+        assert remove(added, gone, cost, until=until).removed[0].nonzero().ravel().tolist() == [4]
+
+
+@pytest.mark.parametrize("until", ["distance", "work"])
+def test_identical_mixtures_lose_nothing(until: str):
     a, _, cost = changed_rooms(3, 5, 8, 0)
     symmetric = np.abs(cost - cost.transpose(0, 2, 1)) + 1 - np.eye(8)
-    found = remove(a, a, symmetric)
+    found = remove(a, a, symmetric, until=until)
     assert not found.removed.any()
     assert (found.distances[:, 0].abs() < 1e-15).all()
 

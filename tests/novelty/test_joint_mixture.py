@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.stats import binom
 
 from gmmtorch import GaussianMixtures
 from novelty.detectors import JointMixture
 from novelty.detectors.balance import log_density_ratio, pooled_counts
+from novelty.detectors.joint_mixture import _Counts
 from novelty.fitting import Fit, FitPlan, Models, fit_independently
 from novelty.preprocess import PreparedPairs, Preprocess, prepare
 from novelty.scan import Scan
@@ -85,6 +87,13 @@ def test_restless_scenes_need_stronger_evidence():
         return found.p_value.item()
 
     assert least((400, 400, 400, 400)) < least((200, 800, 220, 700))
+
+
+@pytest.mark.parametrize(("own", "other"), [(5, 0), (4, 0), (9, 2), (3, 3), (0, 6)])
+def test_p_values_of_a_restful_scene_are_those_of_coins(own: int, other: int):
+    own_cells, other_cells = (torch.tensor([[float(n)]], dtype=torch.float64) for n in (own, other))
+    found = _Counts(own_cells, other_cells, torch.zeros(1, dtype=torch.float64)).p_values()
+    assert found.item() == pytest.approx(binom.sf(own - 1, own + other, 0.5), abs=1e-8)
 
 
 def test_independent_mixtures_are_pooled():

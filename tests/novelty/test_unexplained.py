@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.stats import false_discovery_control
 
-from gmmtorch import PointClouds
+from gmmtorch import GaussianMixtures, PointClouds
 from novelty import Scan, ScanPair
 from novelty.detectors.held_out import HeldOutScores
 from novelty.detectors.p_values import discoveries
@@ -91,3 +91,20 @@ def test_held_out_scores_centre_on_zero_and_give_large_scores_small_p_values():
     assert p_values[0] == 1
     assert p_values[1] == pytest.approx(1 / (1 + len(null.scores[0])))
     assert p_values[2].isnan()
+
+
+def test_a_thing_of_a_few_cells_is_not_taken_for_chance_because_one_half_lacks_it():
+    batch = batch_of(np.vstack([floor(0), box(2, (1, 1, 0.6), 60, 0.1)]), floor(1))
+    cells = batch.reference.cells
+    mixtures = GaussianMixtures(
+        weights=torch.tensor([[0.99, 0.01]], dtype=torch.float64),
+        means=torch.tensor([[[2, 2, 0], [1, 1, 0.6]]], dtype=torch.float64),
+        covariances=torch.diag_embed(
+            torch.tensor([[[1.3, 1.3, 1e-4], [1e-3, 1e-3, 1e-3]]], dtype=torch.float64)
+        ),
+        num_components=torch.tensor([2]),
+    )
+    posterior = mixtures.posterior(cells)
+    assert 0 < (posterior.components == 1).sum() < 10  # fewer than two blocks
+    null = HeldOutScores.of(cells, mixtures, posterior, torch.tensor([0.05]), 5)
+    assert null.scores[0].max() < 1

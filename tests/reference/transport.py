@@ -7,9 +7,15 @@ TIE = 1e-12  # of the largest cost; the smaller index goes first
 
 
 def greedy_removals(
-    a: np.ndarray, b: np.ndarray, cost: np.ndarray, *, tolerance: float = 1e-9, renormalise: bool = True
+    a: np.ndarray,
+    b: np.ndarray,
+    cost: np.ndarray,
+    *,
+    tolerance: float = 1e-9,
+    renormalise: bool = True,
+    until: str = "distance",
 ) -> tuple[list[int], list[float]]:
-    """Components removed one after the other, the last one being put back if it raised the distance."""
+    """Components removed one after the other until one raises the distance (or work), and the distances."""
     a, b = a / a.sum(), b / b.sum()
     scale = cost.max()
     remaining = [s for s in range(len(a)) if a[s] > 0]
@@ -22,7 +28,8 @@ def greedy_removals(
         remaining.remove(chosen)
         order.append(chosen)
         distances.append(found[chosen])
-        if distances[-1] > distances[-2] + tolerance * scale:
+        share = 1 - a[chosen] / (a[remaining].sum() + a[chosen]) if until == "work" else 1
+        if distances[-1] * share > distances[-2] + tolerance * scale:
             break
     return order, distances
 
