@@ -29,6 +29,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from gmmtorch.errors import ArgumentError
 from gmmtorch.transport import Array, TransportStatus, check_shapes, pair_status, solve_pair, to_array
 
 TIE = 1e-12
@@ -89,7 +90,10 @@ def greedy_removals(
 
     Raises:
         ShapeError: the shapes do not fit together.
+        ArgumentError: `until` is neither "distance" nor "work".
     """
+    if until not in ("distance", "work"):
+        raise ArgumentError(f"until must be 'distance' or 'work', got {until!r}")
     check_shapes(weights_a, weights_b, cost)
     a, b, costs = to_array(weights_a), to_array(weights_b), to_array(cost)
     num_pairs, K = a.shape
