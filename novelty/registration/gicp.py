@@ -8,7 +8,7 @@ import torch
 
 from novelty.io.open3d_library import load_open3d
 from novelty.registration.matching import Matcher
-from novelty.registration.mixture import TOLERANCE, Alignment
+from novelty.registration.mixture import TOLERANCE, Alignment, slides_of
 from novelty.registration.motion import Motions
 from novelty.registration.robust import WIDTH, distance_scale, group_quantile
 from novelty.registration.surfels import Surfels
@@ -23,7 +23,8 @@ SETTLED = 10 * TOLERANCE
 def align_gicp(matcher: Matcher, max_iterations: int) -> Alignment:
     """Align the current surfels of P pairs with the reference's; inside a round, one pair after the other.
 
-    Open3D does not say how many steps it took: `num_iterations` is the most it may have taken.
+    Open3D does not say how many steps it took: `num_iterations` is the most it may have taken. It does not know which
+    directions the scans leave open either: what it moved in those is taken back.
 
     Raises:
         MissingDependencyError: Open3D cannot be loaded.
@@ -43,7 +44,7 @@ def align_gicp(matcher: Matcher, max_iterations: int) -> Alignment:
         before, motions = motions, Motions.from_matrices(torch.stack(found))
         moved = _largest_motion(matcher.current, before, motions)
     return Alignment(
-        motions,
+        slides_of(matcher, motions).taken_back,
         num_iterations=torch.full((pairs,), max_iterations * len(SCALES)),
         converged=moved <= SETTLED * extents,
     )

@@ -111,27 +111,46 @@ def align(matcher: Matcher, max_iterations: int) -> Alignment:
 
 
 def _without_slides(matcher: Matcher, state: _State, max_iterations: int) -> _State:
-    """The poses without what they moved in directions that, where they ended, the scans do not fix.
+    """The poses without slides; the pairs that slid settle again in the directions that are fixed."""
+    slides = slides_of(matcher, state.motions)
+    if not slides.slid.any():
+        return state
+    again = _descend(matcher, replace(state, motions=slides.taken_back), None, max_iterations, slides.allowed)
+    return _State(
+        motions=again.motions.where(slides.slid, state.motions),
+        num_iterations=torch.where(slides.slid, again.num_iterations, state.num_iterations),
+        converged=torch.where(slides.slid, again.converged, state.converged),
+    )
 
-    A wide c hears surfaces that have no say at the end: a few of them can slide a corridor along its axis. The pairs
-    that slid are put back in those directions and settle again in the others.
+
+@dataclass(frozen=True, eq=False)
+class Slides:
+    """What motions of P pairs moved in directions that, where they ended, the scans do not fix.
+
+    A wide kernel hears surfaces that have no say at the end: a few of them can slide a corridor along its axis.
+
+    Attributes:
+        slid: (P,) bool.
+        taken_back: The motions without it; those that did not slide as they were.
+        allowed: Projections (P, 6, 6) onto the directions that the scans fix.
     """
+
+    slid: torch.Tensor
+    taken_back: Motions
+    allowed: torch.Tensor
+
+
+def slides_of(matcher: Matcher, motions: Motions) -> Slides:
+    """How far motions slid."""
     levers, extent = levers_of(matcher), _typical_extent(matcher)
-    matches = matcher.match(state.motions)
+    matches = matcher.match(motions)
     width = WIDTH * distance_scale(matcher, matches, len(extent)).nan_to_num(posinf=0).clamp_min(1e-12)
     allowed = normal_equations(matcher, matches, width, levers).observable()
-    travelled = levers.displacements(state.motions.steps())
+    travelled = levers.displacements(motions.steps())
     kept = (allowed @ travelled[:, :, None])[:, :, 0]
     slid = (travelled - kept).norm(dim=-1) > CALM * extent
-    if not slid.any():
-        return state
     back = Motions.identity(len(extent)).then(levers.steps(kept))
-    again = _descend(matcher, replace(state, motions=back), None, max_iterations, allowed)
-    return _State(
-        motions=again.motions.where(slid, state.motions),
-        num_iterations=torch.where(slid, again.num_iterations, state.num_iterations),
-        converged=torch.where(slid, again.converged, state.converged),
-    )
+    return Slides(slid, back.where(slid, motions), allowed)
 
 
 def _descend(
