@@ -69,6 +69,7 @@ class Row:
         objects: Objects reported in both directions.
         false_objects: Those of which less than half of the points have changed; NaN without labels.
         at_level: Share of the unchanged points (of all, without labels) with a p-value of `LEVEL` at most.
+        components_at_level: Share of the components of unchanged points alone that have such a p-value.
         compare_seconds: Of the comparison alone.
         failure: Why there is no score; empty when there is one.
     """
@@ -86,6 +87,7 @@ class Row:
     objects: float = math.nan
     false_objects: float = math.nan
     at_level: float = math.nan
+    components_at_level: float = math.nan
     seconds: float = math.nan
     compare_seconds: float = math.nan
     failure: str = ""
@@ -154,7 +156,8 @@ def row_of(case: Case, variant: str, result: NoveltyResult) -> Row:
         flagged=sum(int(change.point_labels.sum()) for _, change in sides) / max(examined, 1),
         objects=sum(len(change.objects) for _, change in sides),
         false_objects=sum(_false_objects(scan, change) for scan, change in sides),
-        at_level=_at_level(sides),
+        at_level=_share_at_level(_unchanged_points(*side) for side in sides),
+        components_at_level=_share_at_level(_unchanged_components(*side) for side in sides),
         seconds=sum(result.timings.values()),
         compare_seconds=result.timings["compare"],
     )
@@ -174,14 +177,26 @@ def _agreement(labelled: list[LabelledScores]) -> dict[str, float]:
     }
 
 
-def _at_level(sides: Sequence[tuple[Scan, Change]]) -> float:
-    unchanged = [
-        change.point_p_values if scan.labels is None else change.point_p_values[scan.labels == UNCHANGED]
-        for scan, change in sides
-    ]
-    p_values = np.concatenate(unchanged)
-    p_values = p_values[np.isfinite(p_values)]
-    return float(np.mean(p_values <= LEVEL)) if len(p_values) else math.nan
+def _share_at_level(p_values: Iterable[np.ndarray]) -> float:
+    """Share of p-values of both scans that are `LEVEL` at most; NaN where there are none."""
+    known = np.concatenate(list(p_values))
+    known = known[np.isfinite(known)]
+    return float(np.mean(known <= LEVEL)) if len(known) else math.nan
+
+
+def _unchanged_points(scan: Scan, change: Change) -> np.ndarray:
+    if scan.labels is None:
+        return change.point_p_values
+    return change.point_p_values[scan.labels == UNCHANGED]
+
+
+def _unchanged_components(scan: Scan, change: Change) -> np.ndarray:
+    """P-values of the components that have points, all of which are unchanged (of all, without labels)."""
+    held = change.point_components
+    spoilt = held[scan.labels != UNCHANGED] if scan.labels is not None else held[:0]
+    wanted = np.setdiff1d(held[held >= 0], spoilt)
+    known = {component.index: component.p_value for component in change.components}
+    return np.array([known[k] for k in wanted.tolist() if k in known], dtype=float)
 
 
 def _pooled(*tables: ContingencyTable) -> ContingencyTable:

@@ -194,7 +194,7 @@ def falsealarms(options: Options) -> list[Row]:
     rows = recorded(options.file, scored(pairs, detector_variants(options), options.batch, options.workers))
     still = [row for row in rows if row.condition != cases.UNDISTURBED]
     table = _table(
-        "4. nothing changed: points flagged / pairs with any object [95 %] / points with p <= 0.05",
+        "4. nothing changed: points flagged / pairs with any object [95 %] / points / components with p <= 0.05",
         "pairs",
         "n",
         *options.detectors,
@@ -203,7 +203,8 @@ def falsealarms(options: Options) -> list[Row]:
         by_name = {name: [row for row in part if row.variant == name] for name in options.detectors}
         told = [
             f"{_percent(interval(lines, 'flagged').mean)} / {_alarmed(lines)} / "
-            f"{_percent(interval(lines, 'at_level').mean)}"
+            f"{_percent(interval(lines, 'at_level').mean)} / "
+            f"{_percent(interval(lines, 'components_at_level').mean)}"
             for lines in by_name.values()
         ]
         table.add_row(f"{data}, {condition}", str(len(part) // len(by_name)), *told)
