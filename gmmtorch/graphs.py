@@ -44,7 +44,7 @@ class Stepper:
             except RuntimeError as failure:
                 self._possible = False
                 warnings.warn(
-                    f"EM iterations are launched kernel by kernel, about five times slower, since CUDA could not "
+                    f"EM iterations are launched kernel by kernel, several times slower, since CUDA could not "
                     f"capture one as a graph: {failure}",
                     RuntimeWarning,
                     stacklevel=2,
