@@ -56,9 +56,16 @@ class HeldOutScores:
         scores = torch.where(_in_both_halves(cells, posterior.components, first, block)[scored], scores, 0.0)
         return cls(tuple(_ascending(piece) for piece in chosen.split(scores)))
 
-    def p_values(self, scores: Tensor) -> Tensor:
-        """(1 + held-out cells that score at least as high) / (1 + held-out cells), the conformal p-value (P, K)."""
-        return torch.stack([_p_values(null, asked) for null, asked in zip(self.scores, scores, strict=True)])
+    def p_values(self, scores: Tensor, stray: Tensor) -> Tensor:
+        """(1 + held-out cells that score at least as high) / (1 + held-out cells), the conformal p-value (P, K).
+
+        Averaged over what else than chance shifts scores: normal, of the standard deviation `stray` (P,), nats.
+        """
+        nodes = torch.linspace(-4, 4, 81, dtype=stray.dtype, device=stray.device)
+        weights = (-0.5 * nodes.square()).softmax(0)
+        asked = scores[..., None] - (stray[:, None] * nodes)[:, None]  # (P, K, nodes)
+        every = [_p_values(null, one) for null, one in zip(self.scores, asked, strict=True)]
+        return torch.stack(every).to(weights) @ weights
 
     def p_values_of(self, scores: Tensor, cells: PointClouds) -> Tensor:
         """The same for the scores (N,) of the cells of the scans compared."""

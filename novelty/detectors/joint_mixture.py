@@ -22,13 +22,11 @@ from novelty.detectors.balance import balanced_median, log_density_ratio, pooled
 from novelty.detectors.base import Comparison, ComponentNovelty, Detector
 from novelty.detectors.empty import empty_side_notes
 from novelty.detectors.p_values import least_p_value
+from novelty.detectors.quantiles import MAD_TO_STD
 from novelty.detectors.shared_mixture import fit_shared
 from novelty.fitting import FitPlan, Models
 from novelty.preprocess.prepared import PreparedPairs
 from novelty.section import section
-
-MAD_TO_STD = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation."""
 
 
 @section

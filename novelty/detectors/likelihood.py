@@ -3,7 +3,8 @@
 A cell of points scores s = log p(cell | its own scan) - log p(cell | the other scan), nats: how much better the scan's
 own mixture explains it. What the score may be without any change is measured on the other scan alone: its cells are
 dealt to two halves, each half gets its own mixture, and every cell is scored by the mixture of its half against that
-of the other half. Neighbouring cells are correlated, so whole blocks of them are dealt and not single ones.
+of the other half. Neighbouring cells are correlated, so whole blocks of them are dealt and not single ones. Both halves
+were sampled from one place; what another viewpoint adds is read off the scores of all components, most of which stay.
 
 A component is novel when half of its points score high enough to matter, and when a score as high is so rare among the
 cells of the halves that the false discovery rate over all components of the scan holds (Benjamini & Hochberg 1995).
@@ -27,7 +28,7 @@ from novelty.detectors.coupling import fit_coupled
 from novelty.detectors.empty import empty_side_notes
 from novelty.detectors.held_out import HeldOutScores
 from novelty.detectors.p_values import discoveries, least_p_value
-from novelty.detectors.quantiles import weighted_quantiles
+from novelty.detectors.quantiles import MAD_TO_STD, weighted_quantiles
 from novelty.detectors.resolution import blurred, cell_resolution
 from novelty.fitting import FitPlan, Models, fit_independently
 from novelty.preprocess.prepared import PreparedPairs
@@ -112,9 +113,9 @@ class Likelihood(Detector):
         null = HeldOutScores.of(
             reference.cells, reference.mixtures, reference.posterior, reference.resolution, self.min_cells
         )
-        p_values = null.p_values(reached)
         # Few cells and scores that do not matter are no novelty, however rare; what has too few is not tested.
         tested = _count_per_component(groups, mixtures) >= self.min_cells
+        p_values = null.p_values(reached, _stray(torch.where(tested, reached, torch.nan)))
         enough = discoveries(torch.where(tested, p_values, torch.nan), self.false_discovery_rate)
         excess = reached + math.log(self.explained_share)
         excess = torch.where(enough, excess, excess.clamp_max(0.0))
@@ -197,6 +198,16 @@ def _per_component(
     """Weighted quantile of the values of every component's cells (P, K); NaN where it claims none."""
     P, K = mixtures.weights.shape
     return weighted_quantiles(values, cells.weights, groups, P * K, level).reshape(P, K)
+
+
+def _stray(scores: Tensor) -> Tensor:
+    """How far the scores of components (P, K) stray from their median, robust, as a standard deviation (P,), nats.
+
+    The two halves of a scan are sampled from one place and the two scans may be from two, where surfaces are seen from
+    another side and at another density. That shifts all scores, and most components have not changed.
+    """
+    apart = (scores - scores.nanmedian(dim=1, keepdim=True).values).abs()
+    return MAD_TO_STD * apart.nanmedian(dim=1).values.nan_to_num(0.0)
 
 
 def _count_per_component(groups: Tensor, mixtures: GaussianMixtures) -> Tensor:

@@ -6,6 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+MAD_TO_STD = 1.4826
+"""Standard deviation of a Gaussian over its median absolute deviation."""
+
 
 def weighted_quantiles(
     values: Tensor, weights: Tensor, groups: Tensor, num_groups: int, level: float

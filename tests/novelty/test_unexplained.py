@@ -8,6 +8,7 @@ from scipy.stats import false_discovery_control
 from gmmtorch import GaussianMixtures, PointClouds
 from novelty import Scan, ScanPair
 from novelty.detectors.held_out import HeldOutScores
+from novelty.detectors.likelihood import _stray
 from novelty.detectors.p_values import discoveries
 from novelty.detectors.unexplained import _squared_norms, find_unexplained
 from novelty.fitting import Fit, FitPlan, fit_independently
@@ -87,10 +88,31 @@ def test_held_out_scores_centre_on_zero_and_give_large_scores_small_p_values():
     assert len(null.scores[0]) > 100
     assert abs(float(null.scores[0].median())) < 0.1
     asked = torch.tensor([[-100.0, 100.0, torch.nan]], dtype=torch.float64)
-    p_values = null.p_values(asked)[0]
+    p_values = null.p_values(asked, torch.zeros(1, dtype=torch.float64))[0]
     assert p_values[0] == 1
     assert p_values[1] == pytest.approx(1 / (1 + len(null.scores[0])))
     assert p_values[2].isnan()
+
+
+def test_scores_that_stray_make_high_ones_less_improbable():
+    null = HeldOutScores(
+        (torch.randn(1000, generator=torch.Generator().manual_seed(0), dtype=torch.float64).sort().values,)
+    )
+    scores = torch.tensor([[0.0, 3.0, 40.0, torch.nan]], dtype=torch.float64)
+    still, stirred = (null.p_values(scores, torch.tensor([s], dtype=torch.float64))[0] for s in (0.0, 2.0))
+    assert still[1] < 0.005
+    # The sum of two Gaussians of 1 and 2: 3 is 1.34 standard deviations.
+    assert abs(stirred[1] - 0.09) < 0.01
+    assert abs(stirred[0] - 0.5) < 0.05
+    assert still[2] == pytest.approx(float(stirred[2])) == pytest.approx(1 / 1001)
+    assert stirred[3].isnan()
+
+
+def test_a_few_changed_components_do_not_make_all_of_them_stray():
+    usual = torch.linspace(-1, 1, 21, dtype=torch.float64)
+    scores = torch.cat([usual, torch.full((5,), 50.0), torch.full((2,), torch.nan)])[None]
+    assert 0.5 < float(_stray(scores)) < 1.3
+    assert float(_stray(torch.full((1, 3), torch.nan))) == 0.0
 
 
 def test_a_thing_of_a_few_cells_is_not_taken_for_chance_because_one_half_lacks_it():
