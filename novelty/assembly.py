@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ import torch
 from gmmtorch import FitResult, Status
 from novelty.clusters import novel_clusters
 from novelty.detectors import Comparison, ComponentNovelty, PointNovelty
+from novelty.detectors.p_values import least_p_value
 from novelty.fitting import Models
 from novelty.objects import Move, Things, describe_objects, find_moves, mark_moves, number_objects
 from novelty.preprocess import PreparedPairs, PreparedScans, metres_per
@@ -62,9 +63,32 @@ def assemble(pairs: Sequence[ScanPair], outcome: PairOutcome, unit: str) -> list
         unit: Unit of the scans as given; records are converted back to it.
     """
     added, removed = _added_side(outcome), _removed_side(outcome)
+    outcome = replace(outcome, comparison=_with_what_stands(outcome.comparison, added, removed))
     return [
         _pair_result(row, pair, added, removed, outcome, metres_per(unit)) for row, pair in enumerate(pairs)
     ]
+
+
+def _with_what_stands(comparison: Comparison, added: _Side, removed: _Side) -> Comparison:
+    """The comparison with p-values of the pairs for which only what stands is evidence.
+
+    A novel component none of whose points are novel any more was hidden from the other scan, or found unchanged.
+    """
+    if comparison.p_value.isnan().all():
+        return comparison
+    p_value = least_p_value(*(_standing(side) for side in (added, removed))).nan_to_num(1.0)
+    return replace(comparison, p_value=torch.where(comparison.p_value.isnan(), torch.nan, p_value))
+
+
+def _standing(side: _Side) -> ComponentNovelty:
+    """What was said of the components, without the p-values of the novel ones that have no novel point."""
+    novelty = side.novelty
+    assert isinstance(novelty, ComponentNovelty)
+    assert novelty.p_values is not None
+    P, K = novelty.novel.shape
+    places = (side.scans.points.cloud_index * K + side.points.components)[side.points.labels]
+    stands = ~novelty.novel | (torch.bincount(places, minlength=P * K) > 0).reshape(P, K)
+    return replace(novelty, p_values=torch.where(stands, novelty.p_values, torch.nan))
 
 
 def _added_side(outcome: PairOutcome) -> _Side:

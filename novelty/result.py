@@ -148,7 +148,8 @@ class NoveltyResult:
     Attributes:
         name: The pair's name.
         changed: Whether anything changed at all.
-        p_value: Probability of the evidence if nothing had changed; NaN where the detector has none.
+        p_value: Probability of the evidence if nothing had changed, to which what the other scan could not see does not
+            belong; NaN where the detector has none.
         distance: Distance between the two mixtures (eq. 8; lengths in metres); NaN where the detector has none.
         status: Whether the answer stands, stands with notes, or could not be given.
         message: The notes, or the reason of the failure; empty when there is nothing to say.

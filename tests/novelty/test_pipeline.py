@@ -115,6 +115,16 @@ def test_far_from_the_origin_and_in_millimetres_the_labels_are_the_same(room):
             assert (mine.point_states != other.point_states).mean() < 1e-3
 
 
+@pytest.mark.parametrize("seed", [106, 107])
+def test_what_the_other_scan_could_not_see_is_no_evidence_of_a_change(seed):
+    pair = room_pair(seed, changes=(), density=0.15, viewpoint_shift=1.5)
+    result = novelty.detect(pair)
+    assert not result.changed
+    hidden = [c for change in (result.added, result.removed) for c in change.components if c.novel]
+    assert min(c.p_value for c in hidden) < 0.01
+    assert result.p_value > 0.05
+
+
 @pytest.mark.parametrize(
     ("scale", "settings"),
     [(1 / 16, {}), *((16.0, {"detector": name, "refine.method": "none"}) for name in detector_names())],
