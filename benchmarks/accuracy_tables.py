@@ -343,6 +343,7 @@ INGREDIENTS: dict[str, dict[str, Any]] = {
     "refinement": {"refine.method": "none"},
     "registration": {"registration.method": "none"},
     "visibility": {"visibility.method": "none"},
+    "feet": {"preprocess.feet": False},
     "ground removal": {"preprocess.ground": "none"},
 }
 """Keys of the configuration, {} standing for the detector's section, and their values without the ingredient."""
