@@ -164,7 +164,7 @@ class _Counts:
         return torch.where(self.own + self.other > 0, torch.from_numpy(tails).to(self.own), torch.nan)
 
 
-_NODES = np.linspace(-8, 8, 161)
+_NODES = np.linspace(-4, 4, 81)
 _NODE_WEIGHTS = np.exp(-(_NODES**2) / 2) / np.exp(-(_NODES**2) / 2).sum()
 """Averages over a standard Gaussian; so many because many cells make the tail a step."""
 
