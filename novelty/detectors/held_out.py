@@ -13,6 +13,7 @@ from torch import Tensor
 from gmmtorch import GaussianMixtures, PointClouds
 from gmmtorch.evaluation import Posterior
 from novelty.detectors.moments import Moments, claimed_moments, mixtures_of
+from novelty.detectors.p_values import NORMAL_NODES, NORMAL_WEIGHTS
 from novelty.detectors.resolution import blurred
 
 MOST_SCORED = 2000
@@ -61,11 +62,9 @@ class HeldOutScores:
 
         Averaged over what else than chance shifts scores: normal, of the standard deviation `stray` (P,), nats.
         """
-        nodes = torch.linspace(-4, 4, 81, dtype=stray.dtype, device=stray.device)
-        weights = (-0.5 * nodes.square()).softmax(0)
-        asked = scores[..., None] - (stray[:, None] * nodes)[:, None]  # (P, K, nodes)
+        asked = scores[..., None] - (stray[:, None] * NORMAL_NODES.to(stray))[:, None]  # (P, K, nodes)
         every = [_p_values(null, one) for null, one in zip(self.scores, asked, strict=True)]
-        return torch.stack(every).to(weights) @ weights
+        return torch.stack(every).to(stray) @ NORMAL_WEIGHTS.to(stray)
 
     def p_values_of(self, scores: Tensor, cells: PointClouds) -> Tensor:
         """The same for the scores (N,) of the cells of the scans compared."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from pydantic import Field
 from scipy.special import betainc, expit
@@ -21,7 +20,7 @@ from gmmtorch.distances import hellinger_distance, mean_distance
 from novelty.detectors.balance import balanced_median, log_density_ratio, pooled_cells, pooled_counts
 from novelty.detectors.base import Comparison, ComponentNovelty, Detector
 from novelty.detectors.empty import empty_side_notes
-from novelty.detectors.p_values import least_p_value
+from novelty.detectors.p_values import NORMAL_NODES, NORMAL_WEIGHTS, least_p_value
 from novelty.detectors.quantiles import MAD_TO_STD
 from novelty.detectors.shared_mixture import fit_shared
 from novelty.fitting import FitPlan, Models
@@ -159,14 +158,10 @@ class _Counts:
         own, other, spread = (
             counts.cpu().numpy()[..., None] for counts in (self.own, self.other, self.spread)
         )
-        heads = expit(spread[..., None] * _NODES)  # (P, 1, Q)
-        tails = betainc(own.clip(_NO_CELLS), other + 1, heads) @ _NODE_WEIGHTS
+        heads = expit(spread[..., None] * NORMAL_NODES.numpy())  # (P, 1, Q)
+        tails = betainc(own.clip(_NO_CELLS), other + 1, heads) @ NORMAL_WEIGHTS.numpy()
         return torch.where(self.own + self.other > 0, torch.from_numpy(tails).to(self.own), torch.nan)
 
-
-_NODES = np.linspace(-4, 4, 81)
-_NODE_WEIGHTS = np.exp(-(_NODES**2) / 2) / np.exp(-(_NODES**2) / 2).sum()
-"""Averages over a standard Gaussian; so many because many cells make the tail a step."""
 
 _NO_CELLS = 1e-9
 """What I_p takes for no cells at all; its limit there is 1."""

@@ -7,6 +7,10 @@ from torch import Tensor
 
 from novelty.detectors.base import ComponentNovelty
 
+NORMAL_NODES = torch.linspace(-4, 4, 81, dtype=torch.float64)
+NORMAL_WEIGHTS = (-0.5 * NORMAL_NODES.square()).softmax(0)
+"""Averages over a standard Gaussian; so many because p-values of many cells are a step."""
+
 
 def least_p_value(*directions: ComponentNovelty) -> Tensor:
     """Bonferroni's p-value over all components of both scans (P,); NaN where there is none."""

@@ -70,7 +70,6 @@ def _laid_flat(points: Array, plane: Plane) -> Array:
 def _accompanied(points: Array, asked: NDArray[np.bool_], standing: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which of the points asked about have one that stands among those next to them; masks (N,) of points (N, 3)."""
     tree = cKDTree(points, compact_nodes=False, balanced_tree=False)
-    next_to = tree.query(points[asked], k=[*range(2, NEXT + 2)], workers=-1)[
-        1
-    ]  # the nearest is the point itself
+    others = list(range(2, NEXT + 2))  # the nearest is the point itself
+    next_to = tree.query(points[asked], k=others, workers=-1)[1]
     return np.any(np.append(standing, False)[next_to], axis=1)  # N stands for a neighbour that is missing
