@@ -10,7 +10,7 @@ OPEN3D_PACKAGES := libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgo
 
 help:
 	@echo "make demo       set up, simulate two scans of a corridor, find what changed, write the report"
-	@echo "make test       set up, run the tests (about 3 minutes)"
+	@echo "make test       set up, run the tests (two to six minutes on two cores)"
 	@echo "make test-all   the slow tests and those on real scans (NOVELTY_DATA) as well"
 	@echo "make lint       ruff (lint and format) and mypy"
 	@echo "make paper      the paper's experiments in our numbers, one page (make paper-fast: a small part of them)"

@@ -245,6 +245,51 @@ def _add_spread(u: int, k: int, share: Array, spread: Array, moments: Array) -> 
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_FAST, cache=True)
+def _load(
+    g: int, local: Array, spreads: Array, weights: Array,
+    x: Array, spread: Array, mass: Array, total: Array, bare: Array,
+) -> None:  # fmt: skip
+    """Take a block's coordinates, spreads and weights into the precision of the pass, and clear its sums."""
+    for t in range(TILE):
+        mass[t] = weights[g, 0, t]
+        total[t] = 0.0
+        bare[t] = 0.0
+    for a in range(x.shape[0]):
+        for t in range(TILE):
+            x[a, t] = local[g, a, t]
+    if len(spreads) > 0:
+        for p in range(spread.shape[0]):
+            for t in range(TILE):
+                spread[p, t] = spreads[g, p, t]
+
+
+@njit(nogil=True, error_model="numpy", fastmath=_FAST, cache=True)
+def _whiten_near(
+    nearest: int, b: int, above: Array, form: Array, offsets: Array, numbers: Array, x: Array, spread: Array,
+    cells: bool, y: Array, logits: Array, peak: Array, chosen: Array,
+) -> np.int64:  # fmt: skip
+    """Whiten a block by the nearest component, then by those that can come near it; returns how many, in `chosen`."""
+    count, lowest = np.int64(0), 0.0  # a literal 0 would compile `whiten` twice
+    for j in range(-1, len(above)):
+        k = nearest if j < 0 else j
+        if j == nearest or (j >= 0 and above[k] <= lowest - _NEAR):
+            continue
+        whiten(count, b, k, form, offsets, numbers, x, spread, cells, y, logits)
+        if j < 0:
+            least = logits[0, 0]
+            for t in range(TILE):
+                peak[t] = logits[0, t]
+                least = min(least, logits[0, t])
+            lowest = np.float64(least)
+        else:
+            for t in range(TILE):
+                peak[t] = max(peak[t], logits[count, t])
+        chosen[count] = k
+        count += 1
+    return count
+
+
+@njit(nogil=True, error_model="numpy", fastmath=_FAST, cache=True)
 def pass_over_points(
     units: Array, first: int, last: int, owners: Array, starts: Array, stops: Array,
     local: Array, spreads: Array, weights: Array, centers: Array, reach: Array,
@@ -294,34 +339,10 @@ def pass_over_points(
         for g in range(starts[u], stops[u]):
             place_center(g, b, centers, form, offsets, squared)
             nearest = _bounds(g, b, reach, form, squared, above)
-            for t in range(TILE):
-                mass[t] = weights[g, 0, t]
-                total[t] = 0.0
-                bare[t] = 0.0
-            for a in range(dim):
-                for t in range(TILE):
-                    x[a, t] = local[g, a, t]
-            if cells:
-                for p in range(packed):
-                    for t in range(TILE):
-                        spread[p, t] = spreads[g, p, t]
-            count, lowest = np.int64(0), 0.0  # a literal 0 would compile `whiten` twice
-            for j in range(-1, num_components):
-                k = nearest if j < 0 else j
-                if j == nearest or (j >= 0 and above[k] <= lowest - _NEAR):
-                    continue
-                whiten(count, b, k, form, offsets, numbers, x, spread, cells, y, logits)
-                if j < 0:
-                    least = logits[0, 0]
-                    for t in range(TILE):
-                        peak[t] = logits[0, t]
-                        least = min(least, logits[0, t])
-                    lowest = np.float64(least)
-                else:
-                    for t in range(TILE):
-                        peak[t] = max(peak[t], logits[count, t])
-                chosen[count] = k
-                count += 1
+            _load(g, local, spreads, weights, x, spread, mass, total, bare)
+            count = _whiten_near(
+                nearest, b, above, form, offsets, numbers, x, spread, cells, y, logits, peak, chosen
+            )
             for row in range(count):
                 numbers[0] = form[b, EXTRA, chosen[row]]
                 numbers[1] = -_NEAR - form[b, SLACK, chosen[row]]
