@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import statistics
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -18,11 +17,10 @@ from scipy.stats import binomtest
 
 from benchmarks import accuracy_cases as cases
 from benchmarks.accuracy_rows import Row, Variant, grouped, interval, recorded, scored
-from novelty import Config, ScanPair
+from benchmarks.accuracy_throughput import K_MAX, Comparing
+from novelty import Config
 from novelty.config import detector_names
 from novelty.evaluation import Interval, bootstrap_interval
-from novelty.fitting import FitPlan
-from novelty.preprocess import prepare_pairs
 from novelty.section import section_fields
 
 console = Console(width=128, highlight=False)
@@ -284,36 +282,27 @@ def _seeded(name: str, seed: int) -> Config:
 
 
 def throughput(options: Options) -> list[Row]:
-    """6. The comparison alone: scans prepared and mixtures (K_max = 16) given."""
+    """6. The comparison alone, scans prepared and mixtures given: in one process, and with a worker per core."""
     found = cases.simulated(options.seeds, {cases.UNDISTURBED: {}}, options.objects)
     pairs = [case.pair for case in found][: 4 * options.batch]
-    table = _table(
-        "6. comparison alone, K_max = 16", "detector", "pairs", "mean K", "ms per pair", "pairs per second"
-    )
+    columns = ("pairs", "mean K", "ms per pair", "pairs per second", f"of {options.workers} workers")
+    table = _table(f"6. comparison alone, K_max = {K_MAX}", "detector", *columns)
     rows = []
     for name in options.detectors:
-        seconds, components = _compare_seconds(name, pairs)
+        comparing = Comparing.of(name, pairs)
+        alone, together = comparing.seconds(), comparing.seconds_with(options.workers)
         table.add_row(
-            name, str(len(pairs)), f"{components:.1f}", f"{1e3 * seconds:.2f}", f"{1 / seconds:.0f}"
+            name,
+            str(len(pairs)),
+            f"{comparing.mean_components:.1f}",
+            f"{1e3 * alone:.2f}",
+            *(f"{1 / seconds:.0f}" for seconds in (alone, together)),
         )
-        rows.append(Row("simulated", "K_max 16", 0, f"{len(pairs)} pairs", name, compare_seconds=seconds))
+        for how, seconds in (("one process", alone), (f"{options.workers} workers", together)):
+            told = f"{len(pairs)} pairs, {how}"
+            rows.append(Row("simulated", f"K_max {K_MAX}", 0, told, name, compare_seconds=seconds))
     console.print(table)
     return recorded(options.file, rows)
-
-
-def _compare_seconds(name: str, pairs: list[ScanPair]) -> tuple[float, float]:
-    """Median seconds per pair of five calls after one to warm up, and the mean number of components."""
-    config = Config(detector=name)
-    detector = config.chosen_detector
-    batch = prepare_pairs(pairs, config.preprocess, config.unit)
-    models = detector.fit(batch, FitPlan(config.fit, 16, config.seed))
-    taken = []
-    for _ in range(6):
-        start = time.perf_counter()
-        detector.compare(batch, models)
-        taken.append(time.perf_counter() - start)
-    counts = [fit.mixtures.num_components.double().mean() for fit in (models.reference, models.current)]
-    return statistics.median(taken[1:]) / len(pairs), float(sum(counts)) / 2
 
 
 def ablation(options: Options) -> list[Row]:

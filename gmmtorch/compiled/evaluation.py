@@ -10,7 +10,6 @@ import torch
 from numba import njit
 from torch import Tensor
 
-from gmmtorch import linalg
 from gmmtorch.clouds import PointClouds
 from gmmtorch.compiled.arithmetic import exp, log
 from gmmtorch.compiled.mixtures import describe
@@ -67,9 +66,9 @@ def evaluate(
     describe(np.arange(batch), *parameters, np.zeros(batch), form)
     owners, starts = _blocks(clouds)
     stops = np.append(starts[1:], num_points)
-    spreads = np.empty((0, packed))
+    spreads = np.empty((0, clouds.dim, clouds.dim))
     if clouds.spreads is not None:
-        spreads = linalg.pack_symmetric(clouds.spreads).numpy()
+        spreads = np.ascontiguousarray(clouds.spreads.numpy())
     found = (
         np.empty(num_points if log_prob else 0),
         np.empty((num_components, num_points if responsibilities else 0)),
@@ -103,8 +102,8 @@ def _evaluate_blocks(
     log_prob: Array, responsibilities: Array, components: Array, counts: Array,
 ) -> None:  # fmt: skip
     """Evaluate the blocks from first to last."""
-    dim, packed, num_components = points.shape[1], spreads.shape[1], form.shape[2]
-    x, spread = np.zeros((dim, TILE)), np.zeros((packed, TILE))
+    dim, num_components = points.shape[1], form.shape[2]
+    x, spread = np.zeros((dim, TILE)), np.zeros((dim * (dim + 1) // 2, TILE))
     y, logits = np.empty((dim * num_components, TILE)), np.empty((num_components, TILE))
     peak: Array = np.empty(TILE)
     total: Array = np.empty(TILE)
@@ -152,14 +151,18 @@ def _load(start: int, size: int, points: Array, spreads: Array, x: Array, spread
         valid[t] = 1.0
         for a in range(dim):
             valid[t] = valid[t] if np.isfinite(points[start + t, a]) else np.nan
-        for p in range(spreads.shape[1] if len(spreads) else 0):
-            valid[t] = valid[t] if np.isfinite(spreads[start + t, p]) else np.nan
         center = start + t if valid[t] == 1.0 else center
-    for t in range(size):
-        for a in range(dim):
+    place = 0
+    for a in range(dim if len(spreads) else 0):
+        for c in range(a, dim):
+            for t in range(size):
+                value = spreads[start + t, a, c]
+                valid[t] = valid[t] if np.isfinite(value) else np.nan
+                spread[place, t] = value if np.isfinite(value) else 0.0
+            place += 1
+    for a in range(dim):
+        for t in range(size):
             x[a, t] = points[start + t, a] - points[center, a] if valid[t] == 1.0 else 0.0
-        for p in range(spreads.shape[1] if len(spreads) else 0):
-            spread[p, t] = spreads[start + t, p] if valid[t] == 1.0 else 0.0
     return center
 
 

@@ -12,12 +12,75 @@ from torch import Tensor
 
 from gmmtorch import GaussianMixtures, PointClouds
 from gmmtorch.evaluation import Posterior
-from novelty.detectors.moments import Moments, claimed_moments, mixtures_of
+from novelty.detectors.moments import claimed_moments, mixtures_of
 from novelty.detectors.p_values import NORMAL_NODES, NORMAL_WEIGHTS
 from novelty.detectors.resolution import blurred
 
 MOST_SCORED = 2000
 """Cells of a scan that are scored at most, about; the least p-value is one over their number."""
+
+
+@dataclass(frozen=True, eq=False)
+class DealtCells:
+    """The cells of P scans dealt to two halves, in an order in which every half stands together.
+
+    Attributes:
+        order: int64 (N,), the row that each cell had before.
+        cells: P clouds; of every scan its first half, then its second, each with the cells to be scored in front.
+        halves: the same cells as 2 P clouds.
+        scored: how many cells of each of these are scored (2 P,).
+    """
+
+    order: Tensor
+    cells: PointClouds
+    halves: PointClouds
+    scored: tuple[int, ...]
+
+    @classmethod
+    def of(cls, cells: PointClouds, block: int) -> DealtCells:
+        """Deal blocks of `block` cells in turn, neighbours in space."""
+        orders, sizes = [np.empty(0, np.int64)], []
+        for start, end in itertools.pairwise(cells.offsets):
+            near = _along_curve(cells.points[start:end].cpu().numpy())
+            number = np.arange(end - start) // block
+            rest = number // 2 % -(-(end - start) // MOST_SCORED or 1) > 0
+            place = (2 * (number % 2) + rest).astype(np.int8)
+            orders.append(start + near[np.argsort(place, kind="stable")])
+            sizes.append(np.bincount(place, minlength=4))
+        order = torch.from_numpy(np.concatenate(orders)).to(cells.device)
+        dealt = PointClouds(
+            points=cells.points.index_select(0, order),
+            weights=cells.weights.index_select(0, order),
+            spreads=None if cells.spreads is None else cells.spreads.index_select(0, order),
+            offsets=cells.offsets,
+            dtype=cells.dtype,
+        )
+        quarters = np.reshape(sizes, (-1, 2))  # (2 P, 2): what is scored of a half, and the rest
+        bounds = (0, *quarters.sum(1).cumsum().tolist())
+        return cls(order, dealt, replace(dealt, offsets=bounds), tuple(quarters[:, 0].tolist()))
+
+    def restored(self, values: Tensor) -> Tensor:
+        """Values of the cells dealt (N,) in the order that the cells had before."""
+        return torch.empty_like(values).index_copy_(0, self.order, values)
+
+    def scored_of(self, values: Tensor) -> Tensor:
+        """The rows of the cells that are scored, of values (N, ...)."""
+        starts = self.halves.offsets
+        return torch.cat(
+            [values[start : start + size] for start, size in zip(starts, self.scored, strict=False)]
+        )
+
+    @property
+    def scored_cells(self) -> PointClouds:
+        """The cells that are scored, P clouds."""
+        sizes = np.add(self.scored[::2], self.scored[1::2])
+        return PointClouds(
+            points=self.scored_of(self.cells.points),
+            weights=self.scored_of(self.cells.weights),
+            spreads=None if self.cells.spreads is None else self.scored_of(self.cells.spreads),
+            offsets=(0, *sizes.cumsum().tolist()),
+            dtype=self.cells.dtype,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,33 +92,36 @@ class HeldOutScores:
     @classmethod
     def of(
         cls,
-        cells: PointClouds,
+        dealt: DealtCells,
         mixtures: GaussianMixtures,
         posterior: Posterior,
         resolution: Tensor,
-        block: int,
+        least_cells: int,
     ) -> HeldOutScores:
-        """Deal the cells to two halves and score each by both halves' mixtures.
+        """Score the cells of each half by the mixtures of both.
 
         A half's mixture is one M-step from the whole scan's, over its own cells alone. A component of which a half has
-        less than a block is missing there because the scan was halved, and not by chance: its cells are no evidence, 0.
+        too few cells is missing there because the scan was halved, and not by chance: its cells are no evidence, 0.
 
         Args:
-            cells: P clouds.
+            dealt: the cells of P scans.
             mixtures: their mixtures.
-            posterior: of these at these cells.
+            posterior: of these at the cells dealt.
             resolution: spread of every component beside that of its cells, as a standard deviation (P,) m.
-            block: cells that are dealt together, neighbours in space.
+            least_cells: of a component in either half.
         """
-        first, scored = _dealt(cells, block)
-        shares = (torch.where(half, cells.weights, 0.0) for half in (first, ~first))
-        halves = claimed_moments(mixtures, cells, posterior.responsibilities, *shares)
-        chosen, own = _members(cells, scored), first[scored]
-        one, other = (_blurred(half, resolution).log_prob(chosen) for half in halves)
-        scores = torch.where(own, one - other, other - one)
+        whole = mixtures.select([row // 2 for row in range(2 * len(mixtures))])
+        moments = claimed_moments(whole, dealt.halves, posterior.responsibilities)
+        spread = resolution.repeat_interleave(2)
+        halves = mixtures_of(replace(moments, covariances=blurred(moments.covariances, spread)))
+        cells = dealt.scored_cells
+        first, second = (halves.select(range(half, len(halves), 2)).log_prob(cells) for half in (0, 1))
+        own_first = torch.arange(len(dealt.scored)) % 2 == 0
+        own_first = own_first.repeat_interleave(torch.tensor(dealt.scored)).to(first.device)
+        scores = torch.where(own_first, first - second, second - first)
         scores = scores.nan_to_num(0.0)  # half of a scan without mixture: no evidence
-        scores = torch.where(_in_both_halves(cells, posterior.components, first, block)[scored], scores, 0.0)
-        return cls(tuple(_ascending(piece) for piece in chosen.split(scores)))
+        scores = torch.where(_in_both_halves(dealt, posterior.components, least_cells), scores, 0.0)
+        return cls(tuple(_ascending(piece) for piece in cells.split(scores)))
 
     def p_values(self, scores: Tensor, stray: Tensor) -> Tensor:
         """(1 + held-out cells that score at least as high) / (1 + held-out cells), the conformal p-value (P, K).
@@ -73,19 +139,26 @@ class HeldOutScores:
         )
 
 
-def _in_both_halves(cells: PointClouds, components: Tensor, first: Tensor, least: int) -> Tensor:
-    """Whether each cell is of a component that claims at least so many cells of either half (N,)."""
-    slots = int(components.max()) + 1 if len(components) else 0
-    places = cells.cloud_index * slots + components
-    places = torch.where(components >= 0, places, len(cells) * slots)
-    counts = [torch.bincount(places[half], minlength=len(cells) * slots + 1) for half in (first, ~first)]
-    return (torch.minimum(*counts) >= least)[places]
+def _in_both_halves(dealt: DealtCells, components: Tensor, least: int) -> Tensor:
+    """Whether each scored cell is of a component that claims at least so many cells of either half."""
+    slots = int(components.max()) + 2 if len(components) else 1  # the last one: of no component
+    components = torch.where(components >= 0, components, slots - 1)
+    owner = dealt.halves.cloud_index
+    counts = torch.bincount(owner * slots + components, minlength=len(dealt.halves) * slots)
+    enough = counts.reshape(-1, 2, slots).amin(1) >= least  # (P, slots)
+    enough[:, -1] = False
+    places = dealt.scored_of(owner // 2 * slots + components)
+    return enough.flatten().index_select(0, places)
 
 
 def _p_values(null: Tensor, scores: Tensor) -> Tensor:
     """Conformal p-values (...,) under an ascending null (n,); NaN for NaN."""
-    below = torch.searchsorted(null, scores.nan_to_num(-torch.inf).contiguous())
-    return torch.where(scores.isnan(), torch.nan, (1 + len(null) - below) / (1 + len(null)))
+    asked = scores.nan_to_num(-torch.inf).flatten().cpu().numpy()
+    order = np.argsort(asked)  # neighbours are looked up in a fraction of the time
+    below = np.empty(len(asked))
+    below[order] = np.searchsorted(null.cpu().numpy(), asked[order])
+    p_values = (1 + len(null) - torch.from_numpy(below).to(scores)) / (1 + len(null))
+    return torch.where(scores.isnan(), torch.nan, p_values.reshape(scores.shape))
 
 
 def _ascending(values: Tensor) -> Tensor:
@@ -93,44 +166,20 @@ def _ascending(values: Tensor) -> Tensor:
     return torch.from_numpy(np.sort(values.cpu().numpy())).to(values.device)
 
 
-def _blurred(moments: Moments, resolution: Tensor) -> GaussianMixtures:
-    return mixtures_of(replace(moments, covariances=blurred(moments.covariances, resolution)))
-
-
-def _dealt(cells: PointClouds, block: int) -> tuple[Tensor, Tensor]:
-    """Which cells are of the first half, and which are scored (N,) each: blocks of neighbours are dealt in turn."""
-    first = np.zeros(len(cells.points), dtype=np.bool_)
-    scored = np.zeros(len(cells.points), dtype=np.bool_)
-    for start, end in itertools.pairwise(cells.offsets):
-        if start == end:
-            continue
-        order = start + np.argsort(_morton_codes(cells.points[start:end].cpu().numpy()))
-        number = np.arange(end - start) // block
-        first[order] = number % 2 == 0
-        scored[order] = number // 2 % -(-(end - start) // MOST_SCORED) == 0
-    return torch.from_numpy(first).to(cells.device), torch.from_numpy(scored).to(cells.device)
-
-
-def _morton_codes(points: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Places of points (n, 3) along a curve on which neighbours in space mostly stand together (n,) (Morton 1966).
+def _along_curve(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Order of points (n, 3) along a curve on which neighbours in space mostly stand together (n,) (Morton 1966).
 
     Coordinates as 10-bit integers, whose bits alternate.
     """
+    if not len(points):
+        return np.empty(0, np.int64)
     columns = np.ascontiguousarray(points.T)  # (3, n)
     columns = columns - columns.min(axis=1, keepdims=True)
     codes = (columns * (1023 / (columns.max() or 1.0))).astype(np.int32)
     for shift, mask in _SPREADING:
         codes = (codes | codes << shift) & mask
-    return codes[0] | codes[1] << 1 | codes[2] << 2
+    return np.argsort(codes[0] | codes[1] << 1 | codes[2] << 2)
 
 
 _SPREADING = ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249))
 """Shifts and masks that put two empty bits between the 10 bits of an integer."""
-
-
-def _members(cells: PointClouds, chosen: Tensor) -> PointClouds:
-    """The chosen cells of every cloud."""
-    sizes = torch.stack([piece.sum() for piece in cells.split(chosen)]).tolist()
-    spreads = None if cells.spreads is None else cells.spreads[chosen]
-    offsets = tuple(itertools.accumulate(sizes, initial=0))
-    return PointClouds(cells.points[chosen], cells.weights[chosen], spreads, offsets, cells.dtype)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import torch
@@ -26,7 +27,7 @@ from gmmtorch.evaluation import Posterior
 from novelty.detectors.base import Comparison, ComponentNovelty, Detector
 from novelty.detectors.coupling import fit_coupled
 from novelty.detectors.empty import empty_side_notes
-from novelty.detectors.held_out import HeldOutScores
+from novelty.detectors.held_out import DealtCells, HeldOutScores
 from novelty.detectors.p_values import discoveries, least_p_value
 from novelty.detectors.quantiles import MAD_TO_STD, weighted_quantiles
 from novelty.detectors.resolution import blurred, cell_resolution
@@ -87,8 +88,10 @@ class Likelihood(Detector):
     def compare(self, batch: PreparedPairs, models: Models) -> Comparison:
         """Score the cells of each scan under the mixtures of both."""
         resolution = self._resolution(batch)
-        reference = _Side.of(batch.reference.cells, models.reference.mixtures, resolution)
-        current = _Side.of(batch.current.cells, models.current.mixtures, resolution)
+        reference, current = (
+            _Side.of(DealtCells.of(scans.cells, self.min_cells), fit.mixtures, resolution)
+            for scans, fit in ((batch.reference, models.reference), (batch.current, models.current))
+        )
         added = self._judge(batch, reference, current)
         removed = self._judge(batch.exchanged(), current, reference)
         return Comparison(
@@ -101,7 +104,7 @@ class Likelihood(Detector):
 
     def _judge(self, batch: PreparedPairs, reference: _Side, current: _Side) -> ComponentNovelty:
         """Judge the current mixtures' components against the reference."""
-        cells, mixtures = current.cells, current.mixtures
+        cells, mixtures = current.dealt.cells, current.mixtures
         explained = reference.mixtures.posterior(cells)
         scores = current.posterior.log_prob - explained.log_prob  # (N,)
         scores = torch.where(scores.isfinite(), scores, torch.nan)  # a mixture is empty
@@ -111,7 +114,7 @@ class Likelihood(Detector):
         reached = _per_component(scores, cells, mixtures, groups, 1 - self.quorum)  # (P, K)
         # How probable that is without a change.
         null = HeldOutScores.of(
-            reference.cells, reference.mixtures, reference.posterior, reference.resolution, self.min_cells
+            reference.dealt, reference.mixtures, reference.posterior, reference.resolution, self.min_cells
         )
         # Few cells and scores that do not matter are no novelty, however rare; what has too few is not tested.
         tested = _count_per_component(groups, mixtures) >= self.min_cells
@@ -123,17 +126,16 @@ class Likelihood(Detector):
         slots = reference.mixtures.num_slots
         claims = _common_claims(cells, groups, mixtures, explained, slots)  # (P, K, K')
         matches, distances = _best_explanations(claims, mixtures, reference.mixtures, novel)
-        of_cells = null.p_values_of(scores, cells)
-        point_scores = (scores + math.log(self.explained_share))[batch.current.cell_of_point]
+        of_points = partial(_of_points, current.dealt, batch.current.cell_of_point)
         return ComponentNovelty(
             novel=novel,
             scores=excess,
             matches=matches,
             distances=distances,
             reasons=self._reasons(mixtures, excess, p_values, matches, distances),
-            point_scores=point_scores,
+            point_scores=of_points(scores + math.log(self.explained_share)),
             p_values=p_values,
-            point_p_values=of_cells[batch.current.cell_of_point],
+            point_p_values=of_points(null.p_values_of(scores, cells)),
         )
 
     def _resolution(self, batch: PreparedPairs) -> Tensor:
@@ -174,16 +176,21 @@ class Likelihood(Detector):
 class _Side:
     """One scan of every pair: its cells, its mixtures with the resolution floor, and what these say of the cells."""
 
-    cells: PointClouds
+    dealt: DealtCells
     mixtures: GaussianMixtures
     posterior: Posterior
     resolution: Tensor
 
     @classmethod
-    def of(cls, cells: PointClouds, mixtures: GaussianMixtures, resolution: Tensor) -> _Side:
+    def of(cls, dealt: DealtCells, mixtures: GaussianMixtures, resolution: Tensor) -> _Side:
         """Evaluate the mixtures once for both directions."""
         floored = replace(mixtures, covariances=blurred(mixtures.covariances, resolution))
-        return cls(cells, floored, floored.posterior(cells), resolution)
+        return cls(dealt, floored, floored.posterior(dealt.cells), resolution)
+
+
+def _of_points(dealt: DealtCells, cell_of_point: Tensor, values: Tensor) -> Tensor:
+    """Values of dealt cells, for the points of the cells (N,)."""
+    return dealt.restored(values).index_select(0, cell_of_point)
 
 
 def _component_of_cells(cells: PointClouds, mixtures: GaussianMixtures, claimed: Posterior) -> Tensor:
@@ -222,8 +229,9 @@ def _common_claims(
     """Points that a component of one mixture and one of the other claim both (P, K, K'), `slots` being K'."""
     P, K = mixtures.weights.shape
     both = (groups >= 0) & (explained.components >= 0)
-    place = groups[both] * slots + explained.components[both]
-    return torch.bincount(place, cells.weights[both], minlength=P * K * slots).reshape(P, K, slots)
+    place = torch.where(both, groups * slots + explained.components, 0)
+    weights = torch.where(both, cells.weights, 0.0)
+    return torch.bincount(place, weights, minlength=P * K * slots).reshape(P, K, slots)
 
 
 def _best_explanations(

@@ -36,37 +36,33 @@ def moments_of(mixtures: GaussianMixtures, points: Tensor) -> Moments:
     return Moments(mixtures.weights * points[:, None], mixtures.means, mixtures.covariances)
 
 
-def claimed_moments(
-    mixtures: GaussianMixtures, cells: PointClouds, responsibilities: Tensor, *points: Tensor
-) -> tuple[Moments, ...]:
-    """Moments of what each component claims of its scan's cells; those of nothing are 0 and I.
+def claimed_moments(mixtures: GaussianMixtures, cells: PointClouds, responsibilities: Tensor) -> Moments:
+    """Moments of the points that each component claims in its scan's cells; those of nothing are 0 and I.
 
     Args:
         mixtures: P mixtures, which tell where the scans lie: maps are far from zero.
         cells: P clouds of cells.
         responsibilities: of the components for every cell (N, K).
-        points: how many points of every cell are counted, (N,) for each moments asked for.
     """
     origin = (mixtures.weights[..., None] * mixtures.means).sum(1)  # (P, 3)
-    features = _features(cells, origin)  # (N, 10)
-    counted = torch.stack(points, 1)[..., None] * features[:, None, :]  # (N, S, 10)
-    pieces = zip(cells.split(responsibilities), cells.split(counted.flatten(1)), strict=True)
-    sums = torch.stack([claims.T @ values for claims, values in pieces])  # (P, K, S * 10)
-    return tuple(_moments(part, origin) for part in sums.unflatten(2, (len(points), -1)).unbind(2))
+    features = _features(cells, origin).mul_(cells.weights)  # (10, N)
+    pieces = zip(cells.split(responsibilities), cells.split(features.T), strict=True)
+    sums = torch.stack([claims.T @ values for claims, values in pieces])  # (P, K, 10)
+    return _moments(sums, origin)
 
 
 def _features(cells: PointClouds, origin: Tensor) -> Tensor:
-    """1, x and the upper triangle of x x^T + Q of every cell, x from the origin of its scan (N, 10)."""
-    offsets = cells.points - origin[cells.cloud_index]
-    features = offsets.new_empty(num_lifted(cells.dim), len(offsets))  # features on the rows: fast to fill
+    """1, x and the upper triangle of x x^T + Q of every cell, x from the origin of its scan (10, N)."""
+    features = cells.points.new_empty(num_lifted(cells.dim), len(cells.points))  # on the rows: fast to fill
     features[0] = 1.0
-    features[1 : cells.dim + 1] = offsets.T
+    offsets = features[1 : cells.dim + 1]
+    torch.sub(cells.points.T, origin.index_select(0, cells.cloud_index).T, out=offsets)
     rows, columns = triangle(cells.dim)
     for square, a, b in zip(features[cells.dim + 1 :], rows, columns, strict=True):
-        torch.mul(offsets[:, a], offsets[:, b], out=square)
+        torch.mul(offsets[a], offsets[b], out=square)
         if cells.spreads is not None:
             square.add_(cells.spreads[:, a, b])
-    return features.T
+    return features
 
 
 def _moments(sums: Tensor, origin: Tensor) -> Moments:

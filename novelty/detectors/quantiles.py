@@ -27,15 +27,16 @@ def weighted_quantiles(
     Returns:
         Quantiles (G,), NaN for a group without weight.
     """
-    chosen = (groups >= 0) & (weights > 0)
-    values, weights, groups = values[chosen], weights[chosen], groups[chosen]
     if not len(values):
         return values.new_full((num_groups,), torch.nan)
+    takes_part = (groups >= 0) & (weights > 0)
+    groups = torch.where(takes_part, groups, num_groups)  # the others stand behind
     order = grouped_order(values, groups)
-    totals = values.new_zeros(num_groups).index_add_(0, groups, weights)
+    totals = torch.bincount(groups, weights, minlength=num_groups + 1)[:num_groups]
     ends = totals.cumsum(0)
     wanted = ends - totals + level * totals * (1 - 1e-12)  # rounding must not push it past the last value
-    place = torch.searchsorted(weights[order].cumsum(0), wanted).clamp_max(len(values) - 1)
+    reached = weights.index_select(0, order).cumsum(0)
+    place = torch.searchsorted(reached, wanted).clamp_max(len(values) - 1)
     return torch.where(totals > 0, values[order[place]], torch.nan)
 
 

@@ -88,7 +88,7 @@ def _split(
 
 def _blurred_moments(mixtures: GaussianMixtures, cells: PointClouds, resolution: Tensor) -> Moments:
     """Moments of each scan's cells inside every component, no finer than the resolution."""
-    (moments,) = claimed_moments(mixtures, cells, mixtures.responsibilities(cells), cells.weights)
+    moments = claimed_moments(mixtures, cells, mixtures.responsibilities(cells))
     return replace(moments, covariances=blurred(moments.covariances, resolution))
 
 

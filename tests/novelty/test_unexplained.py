@@ -7,7 +7,7 @@ from scipy.stats import false_discovery_control
 
 from gmmtorch import GaussianMixtures, PointClouds
 from novelty import Scan, ScanPair
-from novelty.detectors.held_out import HeldOutScores
+from novelty.detectors.held_out import DealtCells, HeldOutScores
 from novelty.detectors.likelihood import _stray
 from novelty.detectors.p_values import discoveries
 from novelty.detectors.unexplained import _squared_norms, find_unexplained
@@ -83,8 +83,8 @@ def test_discoveries_agree_with_scipy(rng):
 def test_held_out_scores_centre_on_zero_and_give_large_scores_small_p_values():
     batch = batch_of(floor(0), floor(1))
     models = fit_independently(batch, FitPlan(Fit(), 6))
-    cells, mixtures = batch.reference.cells, models.reference.mixtures
-    null = HeldOutScores.of(cells, mixtures, mixtures.posterior(cells), torch.tensor([0.05]), 5)
+    dealt, mixtures = DealtCells.of(batch.reference.cells, 5), models.reference.mixtures
+    null = HeldOutScores.of(dealt, mixtures, mixtures.posterior(dealt.cells), torch.tensor([0.05]), 5)
     assert len(null.scores[0]) > 100
     assert abs(float(null.scores[0].median())) < 0.1
     asked = torch.tensor([[-100.0, 100.0, torch.nan]], dtype=torch.float64)
@@ -117,7 +117,7 @@ def test_a_few_changed_components_do_not_make_all_of_them_stray():
 
 def test_a_thing_of_a_few_cells_is_not_taken_for_chance_because_one_half_lacks_it():
     batch = batch_of(np.vstack([floor(0), box(2, (1, 1, 0.6), 60, 0.1)]), floor(1))
-    cells = batch.reference.cells
+    dealt = DealtCells.of(batch.reference.cells, 5)
     mixtures = GaussianMixtures(
         weights=torch.tensor([[0.99, 0.01]], dtype=torch.float64),
         means=torch.tensor([[[2, 2, 0], [1, 1, 0.6]]], dtype=torch.float64),
@@ -126,7 +126,7 @@ def test_a_thing_of_a_few_cells_is_not_taken_for_chance_because_one_half_lacks_i
         ),
         num_components=torch.tensor([2]),
     )
-    posterior = mixtures.posterior(cells)
+    posterior = mixtures.posterior(dealt.cells)
     assert 0 < (posterior.components == 1).sum() < 10  # fewer than two blocks
-    null = HeldOutScores.of(cells, mixtures, posterior, torch.tensor([0.05]), 5)
+    null = HeldOutScores.of(dealt, mixtures, posterior, torch.tensor([0.05]), 5)
     assert null.scores[0].max() < 1
