@@ -43,17 +43,17 @@ class DealtCells:
         for start, end in itertools.pairwise(cells.offsets):
             near = _along_curve(cells.points[start:end].cpu().numpy())
             number = np.arange(end - start) // block
-            rest = number // 2 % -(-(end - start) // MOST_SCORED or 1) > 0
-            place = (2 * (number % 2) + rest).astype(np.int8)
+            every = max(1, -(-(end - start) // MOST_SCORED))
+            not_scored = number // 2 % every > 0
+            place = (2 * (number % 2) + not_scored).astype(np.int8)
             orders.append(start + near[np.argsort(place, kind="stable")])
             sizes.append(np.bincount(place, minlength=4))
         order = torch.from_numpy(np.concatenate(orders)).to(cells.device)
-        dealt = PointClouds(
+        dealt = replace(
+            cells,
             points=cells.points.index_select(0, order),
             weights=cells.weights.index_select(0, order),
             spreads=None if cells.spreads is None else cells.spreads.index_select(0, order),
-            offsets=cells.offsets,
-            dtype=cells.dtype,
         )
         quarters = np.reshape(sizes, (-1, 2))  # (2 P, 2): what is scored of a half, and the rest
         bounds = (0, *quarters.sum(1).cumsum().tolist())
@@ -74,12 +74,12 @@ class DealtCells:
     def scored_cells(self) -> PointClouds:
         """The cells that are scored, P clouds."""
         sizes = np.add(self.scored[::2], self.scored[1::2])
-        return PointClouds(
+        return replace(
+            self.cells,
             points=self.scored_of(self.cells.points),
             weights=self.scored_of(self.cells.weights),
             spreads=None if self.cells.spreads is None else self.scored_of(self.cells.spreads),
             offsets=(0, *sizes.cumsum().tolist()),
-            dtype=self.cells.dtype,
         )
 
 
