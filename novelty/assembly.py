@@ -237,7 +237,8 @@ def _registration_record(row: int, registrations: Registrations) -> dict[str, An
 
 
 def _details(row: int, side: _Side) -> dict[str, Any]:
-    path = side.fits.mdl_path[row].tolist()
+    path = side.fits.mdl_path[row]
+    reached = path.isfinite().nonzero().flatten().tolist()  # other pairs of the batch have longer ones
     return {
         "points_given": side.scans.num_given[row],
         "points_examined": len(side.scans.kept[row]),
@@ -247,6 +248,6 @@ def _details(row: int, side: _Side) -> dict[str, Any]:
         "cell_size_m": float(side.scans.cell_size[row]),
         "num_components": int(side.fits.mixtures.num_components[row]),
         "mdl": float(side.fits.mdl[row]),
-        "mdl_path": path,
+        "mdl_path": path[: reached[-1] + 1 if reached else 0].tolist(),
         "fit_status": Status(int(side.fits.status[row])).name,  # type: ignore[call-arg]
     }

@@ -17,7 +17,11 @@ from novelty.detectors.p_values import NORMAL_NODES, NORMAL_WEIGHTS
 from novelty.detectors.resolution import blurred
 
 MOST_SCORED = 2000
-"""Cells of a scan that are scored at most, about; the least p-value is one over their number."""
+"""Cells of a scan that are scored at most, about."""
+
+LEAST_TAIL = 10
+TAIL_SHARE = 0.01
+"""The tail of the scores is modelled above a hundredth of them, ten at least: it is rarely reached without a change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,18 +128,18 @@ class HeldOutScores:
         return cls(tuple(_ascending(piece) for piece in cells.split(scores)))
 
     def p_values(self, scores: Tensor, stray: Tensor) -> Tensor:
-        """(1 + held-out cells that score at least as high) / (1 + held-out cells), the conformal p-value (P, K).
+        """How probable scores as high (P, K) are without a change, see `tail_p_values`.
 
         Averaged over what else than chance shifts scores: normal, of the standard deviation `stray` (P,), nats.
         """
         asked = scores[..., None] - (stray[:, None] * NORMAL_NODES.to(stray))[:, None]  # (P, K, nodes)
-        every = [_p_values(null, one) for null, one in zip(self.scores, asked, strict=True)]
+        every = [tail_p_values(null, one) for null, one in zip(self.scores, asked, strict=True)]
         return torch.stack(every).to(stray) @ NORMAL_WEIGHTS.to(stray)
 
     def p_values_of(self, scores: Tensor, cells: PointClouds) -> Tensor:
         """The same for the scores (N,) of the cells of the scans compared."""
         return torch.cat(
-            [_p_values(null, asked) for null, asked in zip(self.scores, cells.split(scores), strict=True)]
+            [tail_p_values(null, asked) for null, asked in zip(self.scores, cells.split(scores), strict=True)]
         )
 
 
@@ -151,13 +155,26 @@ def _in_both_halves(dealt: DealtCells, components: Tensor, least: int) -> Tensor
     return enough.flatten().index_select(0, places)
 
 
-def _p_values(null: Tensor, scores: Tensor) -> Tensor:
-    """Conformal p-values (...,) under an ascending null (n,); NaN for NaN."""
+def tail_p_values(null: Tensor, scores: Tensor) -> Tensor:
+    """P-values (...,) of scores in nats under an ascending null (n,); NaN for NaN.
+
+    (1 + m) / (1 + n) where m of n scores of the null are at least as high, the conformal p-value. A scan of 200 cells
+    would never find less than 0.005 so, however great the change. Above the highest hundredth of the null's scores, of
+    ten at least, p falls from there exponentially by their mean excess (Knijnenburg et al. 2009), one nat or more: less
+    likely by t nats than under another model are at most exp(-t) of what this one draws (Markov's inequality).
+    """
     asked = scores.nan_to_num(-torch.inf).flatten().cpu().numpy()
     order = np.argsort(asked)  # neighbours are looked up in a fraction of the time
     below = np.empty(len(asked))
     below[order] = np.searchsorted(null.cpu().numpy(), asked[order])
     p_values = (1 + len(null) - torch.from_numpy(below).to(scores)) / (1 + len(null))
+    in_tail = max(LEAST_TAIL, int(TAIL_SHARE * len(null)))
+    if len(null) >= 2 * in_tail:
+        edge = null[-in_tail]
+        excess = (null[-in_tail:] - edge).mean().clamp_min(1.0)
+        beyond = torch.from_numpy(asked).to(scores) - edge
+        tail = (1 + in_tail) / (1 + len(null)) * (-beyond / excess).exp()
+        p_values = torch.where(beyond > 0, tail, p_values)
     return torch.where(scores.isnan(), torch.nan, p_values.reshape(scores.shape))
 
 

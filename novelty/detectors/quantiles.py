@@ -22,7 +22,7 @@ def weighted_quantiles(
         weights: >= 0 (N,); a value without weight is never a quantile.
         groups: group of every value, int64 (N,); -1 takes no part.
         num_groups: G.
-        level: Share of a group's weight, in (0, 1].
+        level: Share of a group's weight, in [0, 1]; 0 is its least value.
 
     Returns:
         Quantiles (G,), NaN for a group without weight.
@@ -36,8 +36,10 @@ def weighted_quantiles(
     ends = totals.cumsum(0)
     wanted = ends - totals + level * totals * (1 - 1e-12)  # rounding must not push it past the last value
     reached = weights.index_select(0, order).cumsum(0)
-    place = torch.searchsorted(reached, wanted).clamp_max(len(values) - 1)
-    return torch.where(totals > 0, values[order[place]], torch.nan)
+    sizes = torch.bincount(groups, minlength=num_groups + 1)[:num_groups]
+    behind = sizes.cumsum(0)  # place after the last value of each group
+    place = torch.searchsorted(reached, wanted).minimum(behind - 1).maximum(behind - sizes)
+    return torch.where(totals > 0, values[order[place.clamp_max(len(values) - 1)]], torch.nan)
 
 
 def grouped_order(values: Tensor, groups: Tensor) -> Tensor:

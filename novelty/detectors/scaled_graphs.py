@@ -18,6 +18,7 @@ from torch import Tensor
 
 from gmmtorch.distances import covariance_distance
 from novelty.matching import ArcTerms, Components, CorrespondenceGraphs, arc_terms
+from novelty.matching.correspondence import between_nodes, list_nodes
 
 
 def build_scaled_graphs(
@@ -41,13 +42,13 @@ def build_scaled_graphs(
     """
     table = scaled_distance(a, b)
     alive = (a.weights > 0)[:, :, None] & (b.weights > 0)[:, None, :]
-    nodes_a, nodes_b, distances, num_nodes = _nodes(table, alive & (table < node_threshold))
+    nodes_a, nodes_b, distances, num_nodes = list_nodes(table, alive & (table < node_threshold))
     exists = nodes_a >= 0
     apart = (nodes_a[:, :, None] != nodes_a[:, None, :]) & (nodes_b[:, :, None] != nodes_b[:, None, :])
     adjacency = exists[:, :, None] & exists[:, None, :] & apart  # (P, V, V)
     for inner_a, inner_b in zip(_inner_distances(a), _inner_distances(b), strict=True):
-        terms_a = _among(arc_terms(inner_a, terms), nodes_a)
-        terms_b = _among(arc_terms(inner_b, terms), nodes_b)
+        terms_a = between_nodes(arc_terms(inner_a, terms), nodes_a)
+        terms_b = between_nodes(arc_terms(inner_b, terms), nodes_b)
         adjacency &= relative_terms(terms_a, terms_b) <= arc_threshold**2  # w^2
     return CorrespondenceGraphs(nodes_a, nodes_b, distances, adjacency, num_nodes, table, node_threshold)
 
@@ -73,26 +74,3 @@ def scaled_mean_distance(a: Components, b: Components) -> Tensor:
 def _inner_distances(side: Components) -> tuple[Tensor, Tensor]:
     """The two distances between the components of one mixture, each (P, K, K)."""
     return scaled_mean_distance(side, side), covariance_distance(side.covariances, side.covariances)
-
-
-def _nodes(table: Tensor, is_node: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """The nodes of each pair in the order of their components, padded with -1 and an infinite distance."""
-    K_b = table.shape[2]
-    flags = is_node.flatten(1)  # (P, K_a K_b)
-    num_nodes = flags.sum(dim=1)
-    largest = int(num_nodes.max()) if len(flags) else 0
-    places = flags.byte().argsort(dim=1, descending=True, stable=True)[:, :largest]  # (P, V)
-    exists = torch.arange(largest, device=table.device) < num_nodes[:, None]
-    return (
-        torch.where(exists, places.div(K_b, rounding_mode="floor"), -1),
-        torch.where(exists, places.remainder(K_b), -1),
-        torch.where(exists, table.flatten(1).gather(1, places), torch.inf),
-        num_nodes,
-    )
-
-
-def _among(table: Tensor, nodes: Tensor) -> Tensor:
-    """table[p, nodes[p, x], nodes[p, y]] (P, V, V); padding reads component 0."""
-    index = nodes.clamp_min(0)
-    pairs = torch.arange(len(table), device=table.device)[:, None, None]
-    return table[pairs, index[:, :, None], index[:, None, :]]

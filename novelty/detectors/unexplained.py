@@ -56,17 +56,23 @@ class Unexplained:
         return replace(clouds, weights=torch.where(self.cells, 0.0, clouds.weights))
 
 
-def find_unexplained(batch: PreparedPairs, most_groups: int) -> tuple[Unexplained, Unexplained]:
+def find_unexplained(
+    batch: PreparedPairs, clouds: tuple[PointClouds, PointClouds], most_groups: int
+) -> tuple[Unexplained, Unexplained]:
     """What the current scans do not explain of the references, and the references of the current scans.
 
     Args:
         batch: P pairs, in one frame.
+        clouds: the cells of the references and of the current scans as they are fitted: what counts how much.
         most_groups: Largest number of groups of a scan; with 0 every cell counts as explained.
     """
     resolution = batch.resolution(torch.zeros(len(batch))).tolist()
     found = []
     for row in range(len(batch)):
-        one, other = (_Cells.of(scans, row, resolution[row]) for scans in (batch.reference, batch.current))
+        one, other = (
+            _Cells.of(scans, fitted.split(fitted.weights)[row].numpy(), row, resolution[row])
+            for scans, fitted in zip((batch.reference, batch.current), clouds, strict=True)
+        )
         found.append((one.unexplained_by(other, most_groups), other.unexplained_by(one, most_groups)))
     return _packed([first for first, _ in found]), _packed([second for _, second in found])
 
@@ -81,17 +87,15 @@ class _Cells:
     least_extent: float
 
     @classmethod
-    def of(cls, scans: PreparedScans, row: int, resolution: float) -> _Cells:
-        """The cells of scan `row`, half the squared resolution added to each covariance."""
+    def of(cls, scans: PreparedScans, counts: Array, row: int, resolution: float) -> _Cells:
+        """The cells of scan `row` with these counts, half the squared resolution added to each covariance."""
         cells = scans.cells
         spreads = cells.spreads if cells.spreads is not None else torch.zeros(len(cells.points), 3, 3)
-        weights, means, covariances = (
-            cells.split(v)[row].numpy() for v in (cells.weights, cells.points, spreads)
-        )
+        means, covariances = (cells.split(v)[row].numpy() for v in (cells.points, spreads))
         size = float(np.ptp(means, axis=0).max()) if len(means) else 0.0
         floor = max(0.5 * resolution**2, SMALLEST * (size or 1.0) ** 2)
         least = max(float(scans.cell_size[row]), float(scans.spacing[row]))
-        return cls(weights, means, covariances + floor * np.eye(3), least)
+        return cls(counts, means, covariances + floor * np.eye(3), least)
 
     def unexplained_by(self, other: _Cells, most_groups: int) -> tuple[NDArray[np.bool_], list[_Group]]:
         """Which cells are (n,), and the largest groups of them."""

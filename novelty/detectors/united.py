@@ -23,7 +23,8 @@ class UnitedFit:
 
     Attributes:
         fit: one mixture per pair, fitted to the cells that both scans explain.
-        explained: points of the references and of the current scans behind that fit, (P,) each.
+        explained: points (cells, where `moments` is centroid) of the references and of the current scans behind that
+            fit, (P,) each.
         reference: what the current scans do not explain of the references.
         current: what the references do not explain of the current scans.
     """
@@ -41,11 +42,9 @@ def fit_united(batch: PreparedPairs, plan: FitPlan) -> UnitedFit:
 
 def _fit_united(batch: PreparedPairs, plan: FitPlan) -> UnitedFit:
     settings = plan.settings
-    found = find_unexplained(batch, settings.unexplained_components)
-    sides = [
-        unexplained.explained(fitted_clouds(scans, settings))
-        for scans, unexplained in zip((batch.reference, batch.current), found, strict=True)
-    ]
+    clouds = fitted_clouds(batch.reference, settings), fitted_clouds(batch.current, settings)
+    found = find_unexplained(batch, clouds, settings.unexplained_components)
+    sides = [unexplained.explained(fitted) for unexplained, fitted in zip(found, clouds, strict=True)]
     fit = gmmtorch.fit_mdl(
         unite(*sides),
         max_components=plan.max_components,

@@ -72,12 +72,17 @@ def update(scene_map: SceneMap, scan: Scan, config: Config | None = None) -> Map
         config: Settings of the comparison, as in `novelty.detect_against`.
 
     Raises:
-        InputError: The scan has no answer, its unit is not the map's, or it does not fit the map.
+        InputError: The scan has no answer or nothing to examine, its unit is not the map's, or it does not fit the map.
         ConfigError: The settings prepare scans otherwise than the map was made.
     """
     # Registration and comparison: what is new, what has gone.
     compared = compare(scene_map, scan, config)
     result = compared.result
+    if not len(compared.current.points.points):
+        raise InputError(
+            f"{scan.name or 'the scan'} has no point left to examine, so the map {scene_map.name!r} was left as it is: "
+            + " ".join(compared.current.notes[0])
+        )
     current = compared.current.moved(_pose(scene_map, scan, result))
     stations = current.stations[0]
     # Which cells of either are in the new map.

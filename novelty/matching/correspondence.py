@@ -89,13 +89,13 @@ def build_correspondence_graphs(
             raise ConfigError(f"{name} must be a positive number, but it is {value}")
     table = combined_distance(a.means, a.covariances, b.means, b.covariances, length_scale)  # T_t
     alive = (a.weights > 0)[:, :, None] & (b.weights > 0)[:, None, :]
-    nodes_a, nodes_b, distances, num_nodes = _list_nodes(table, alive & (table < node_threshold))
+    nodes_a, nodes_b, distances, num_nodes = list_nodes(table, alive & (table < node_threshold))
     inner_a, inner_b = _inner_terms(a, length_scale, terms), _inner_terms(b, length_scale, terms)
     adjacency = _join_nodes(inner_a, inner_b, nodes_a, nodes_b, arc_threshold)
     return CorrespondenceGraphs(nodes_a, nodes_b, distances, adjacency, num_nodes, table, node_threshold)
 
 
-def _list_nodes(table: Tensor, is_node: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def list_nodes(table: Tensor, is_node: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Number the nodes of each pair in the order of their components; pad with -1 and an infinite distance."""
     num_pairs, _, K_b = table.shape
     flags = is_node.reshape(num_pairs, -1)  # (P, K_a K_b)
@@ -129,8 +129,8 @@ def _join_nodes(
         joined = torch.logical_and(exists[:, :, None], exists[:, None, :], out=adjacency[chunk])
         for table_a, table_b in zip(tables_a, tables_b, strict=True):
             # Eq. 12 squared: w^2 = |d_Theta^2 - d_Gamma^2| (or its other reading), which saves the root.
-            difference = _between_nodes(table_a[chunk], nodes_a[chunk])
-            difference.sub_(_between_nodes(table_b[chunk], nodes_b[chunk])).abs_()
+            difference = between_nodes(table_a[chunk], nodes_a[chunk])
+            difference.sub_(between_nodes(table_b[chunk], nodes_b[chunk])).abs_()
             joined.logical_and_(difference <= arc_threshold**2)
     return adjacency
 
@@ -141,7 +141,7 @@ def _inner_terms(side: Components, length_scale: float, terms: ArcTerms) -> tupl
     return arc_terms(means, terms), arc_terms(covariance_distance(side.covariances, side.covariances), terms)
 
 
-def _between_nodes(table: Tensor, nodes: Tensor) -> Tensor:
+def between_nodes(table: Tensor, nodes: Tensor) -> Tensor:
     """table[p, nodes[p, x], nodes[p, y]] (P, V, V) of tables (P, K, K); padding reads component 0."""
     index = nodes.clamp_min(0)
     K, V = table.shape[-1], nodes.shape[1]

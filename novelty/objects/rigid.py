@@ -68,7 +68,11 @@ def _size(points: Tensor) -> Tensor:
 
 def _apart(source: Tensor, target: Tensor, rotations: Tensor, shifts: Tensor) -> Tensor:
     moved = source @ rotations.mT + shifts[:, None]
-    return torch.cdist(moved, target.expand(len(moved), -1, -1))
+    return torch.cdist(
+        moved,
+        target.expand(len(moved), -1, -1),
+        compute_mode="donot_use_mm_for_euclid_dist",  # on a map a product loses centimetres
+    )
 
 
 def _weights(gaps: Tensor, limit: float) -> Tensor:

@@ -8,6 +8,8 @@ floored by the resolution, is the finest comparison the data allow and needs no 
 
 from __future__ import annotations
 
+import itertools
+
 import torch
 from scipy.spatial import cKDTree
 
@@ -170,7 +172,7 @@ def cells_of_members(points: PointClouds, cell_of_point: torch.Tensor, members: 
     spreads = torch.zeros(len(rows), 9, dtype=torch.float64).index_add_(0, local, products)
     sizes = torch.bincount(owner, minlength=points.batch_size).tolist()
     spreads = (spreads / counts[:, None]).reshape(-1, 3, 3)
-    return PointClouds.from_list(list(means.split(sizes)), spreads=list(spreads.split(sizes)))
+    return PointClouds(means, counts, spreads, (0, *itertools.accumulate(sizes)))
 
 
 def _sample(points: PointClouds, members: torch.Tensor) -> PointClouds:

@@ -20,6 +20,18 @@ REACH = 1.0
 STEEPEST = 5.0
 """Greatest slope of a surface against a ray that is reckoned with, some 79 degrees."""
 
+MOST_UNEVEN = 3.0
+"""How many times as far apart the lines of a pattern may be as the sixth neighbour on them before lines are thinned."""
+
+FINEST = 1e-4
+"""Chord below which rays are one ray, rad: of a sensor that stood still each is repeated."""
+
+WIDEST = 0.2
+"""Lines farther apart are no pattern that looks at a place, rad."""
+
+FILLED = 2.0**1.5
+"""Boxes of a size to those of double the size above which directions fill a surface: 2 on a line, 4 on a surface."""
+
 MAX_STATIONS = 16
 """A scan taken from more places than these is one of a moving sensor, whose single rays are too few to ask."""
 
@@ -36,6 +48,30 @@ class Sight(IntEnum):
 
 STRONGEST = (Sight.SEEN_THROUGH, Sight.SURFACE, Sight.BESIDE, Sight.HIDDEN)
 """Of several stations' sights of one point the first that occurs counts: what was free once is new when filled."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Pattern:
+    """Rays that are asked together.
+
+    Attributes:
+        rows: (n,) their numbers in the scan.
+        tree: of their directions.
+        gap: typical chord on the unit sphere from one to the `NEIGHBOURS`-th one beside it.
+    """
+
+    rows: NDArray[np.intp]
+    tree: cKDTree
+    gap: float
+
+    @classmethod
+    def of(cls, directions: NDArray[np.float64], rows: NDArray[np.intp]) -> _Pattern:
+        """The rays at `rows` of directions (N, 3), one at least."""
+        chosen = directions[rows]
+        tree = cKDTree(chosen, balanced_tree=False, compact_nodes=False)
+        sample = chosen[:: max(1, len(chosen) // 2000)]
+        chords, _ = tree.query(sample, k=[min(NEIGHBOURS + 1, len(chosen))], workers=-1)
+        return cls(rows, tree, max(float(np.median(chords)), FINEST))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +97,19 @@ class Rays:
         return cls(origin=origin, directions=away[real] / ranges[real, None], ranges=ranges[real])
 
     @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(self.directions, balanced_tree=False, compact_nodes=False)
+    def _patterns(self) -> tuple[_Pattern, ...]:
+        """All rays; and as many of each line of the pattern as its lines are apart, where these are far apart.
 
-    @cached_property
-    def gap(self) -> float:
-        """Typical chord between neighbouring rays on the unit sphere, the wider one of an anisotropic pattern."""
-        sample = self.directions[:: max(1, len(self.directions) // 2000)]
-        chords, _ = self._tree.query(sample, k=min(NEIGHBOURS + 1, len(self.directions)), workers=-1)
-        return float(np.median(np.atleast_2d(chords)[:, -1]))
+        Where a spinning lidar stood still for some turns, every ray has more neighbours on its own line than are asked,
+        and between the lines would be no ray at all.
+        """
+        rows = np.arange(len(self.directions))
+        full = _Pattern.of(self.directions, rows)
+        wide = _line_gap(self.directions, full.gap)
+        if wide <= MOST_UNEVEN * full.gap:
+            return (full,)
+        boxes = np.floor((self.directions + 1.0) / (wide / MOST_UNEVEN)).astype(np.int64)
+        return full, _Pattern.of(self.directions, rows[np.unique(_numbers(boxes), return_index=True)[1]])
 
     def sights(
         self,
@@ -95,19 +135,32 @@ class Rays:
             go BESIDE at best.
         """
         sights = np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
-        if not len(points) or not len(self.ranges):
-            return sights
+        for pattern in self._patterns if len(self.ranges) else ():
+            left = np.flatnonzero(sights == Sight.NO_RAY)
+            if len(left):
+                facing = None if normals is None else normals[left]
+                sights[left] = self._sights_in(pattern, points[left], tolerance, facing)
+        return sights
+
+    def _sights_in(
+        self,
+        pattern: _Pattern,
+        points: NDArray[np.float64],
+        tolerance: float,
+        normals: NDArray[np.float64] | None,
+    ) -> NDArray[np.uint8]:
+        sights = np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
         away = points - self.origin
         ranges = np.linalg.norm(away, axis=1)
         directions = away / np.maximum(ranges, np.finfo(float).tiny)[:, None]
-        chords, rows = self._tree.query(
-            directions, k=NEIGHBOURS, distance_upper_bound=REACH * self.gap, workers=-1
+        chords, rows = pattern.tree.query(
+            directions, k=NEIGHBOURS, distance_upper_bound=REACH * pattern.gap, workers=-1
         )
         near = np.isfinite(chords)  # (M, NEIGHBOURS)
         slopes = _slopes(directions, normals)
         leaning = np.minimum(np.nan_to_num(slopes), STEEPEST)
         slack = tolerance + np.where(near, chords, 0.0) * (ranges * leaning)[:, None]
-        beyond = self.ranges[np.where(near, rows, 0)] - ranges[:, None]
+        beyond = self.ranges[pattern.rows[np.where(near, rows, 0)]] - ranges[:, None]
         total = near.sum(axis=1)
         behind = (near & (beyond > slack)).sum(axis=1)
         before = (near & (beyond < -slack)).sum(axis=1)
@@ -121,6 +174,33 @@ class Rays:
         sights[seen & (behind == total)] = Sight.SEEN_THROUGH
         sights[seen & (behind == total) & steep] = Sight.BESIDE
         return sights
+
+
+def _line_gap(directions: NDArray[np.float64], near: float) -> float:
+    """Chord from which on directions (N, 3) fill a surface, and no lines or single points; `near` if none is found.
+
+    The number of boxes they occupy falls with the square of the boxes' size there, on lines with the size itself (the
+    box-counting dimension).
+    """
+    size, boxes = near, _occupied(np.floor((directions + 1.0) / near).astype(np.int64))
+    while size < WIDEST:
+        wider = _occupied(boxes // 2)
+        if len(boxes) > FILLED * len(wider):
+            return size
+        size, boxes = 2 * size, wider
+    return near
+
+
+def _occupied(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Boxes of a grid (n, 3), each once."""
+    return boxes[np.unique(_numbers(boxes), return_index=True)[1]]
+
+
+def _numbers(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """One number for each box of a grid (n, 3)."""
+    x, y, z = boxes.T
+    side = int(boxes.max(initial=0)) + 1
+    return (x * side + y) * side + z
 
 
 def _slopes(directions: NDArray[np.float64], normals: NDArray[np.float64] | None) -> NDArray[np.float64]:

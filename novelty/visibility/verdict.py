@@ -15,13 +15,11 @@ from novelty.preprocess import PreparedScans
 from novelty.result import PointState
 from novelty.section import section
 from novelty.segment import SegmentedPoints
+from novelty.visibility.normals import patch_normals
 from novelty.visibility.rays import Sight, has_stations, joint_sights
 
 LEAST_SEEN = 0.2
 """A group must have been seen through in at least this share of all its points to be novel as a whole."""
-
-LEAST_PATCH = 4
-"""Points of which the plane through them is a measurement: three always have one."""
 
 LEAST_CLEAR = 0.2
 """Share of the points of a cluster past which rays went that must have been seen through clearly, not beside edges."""
@@ -85,7 +83,7 @@ def judge(
         scans.points.split(clusters),
         scans.points.split(groups),
         scans.points.split(states),
-        scans.points.split(_normals(scans)[scans.cell_of_point]),
+        scans.points.split(patch_normals(scans)[scans.cell_of_point]),
         others.stations,
         resolution.tolist(),
         strict=True,
@@ -121,16 +119,6 @@ def blind_notes(reference: PreparedScans, current: PreparedScans) -> list[tuple[
             )
         )
     return notes
-
-
-def _normals(scans: PreparedScans) -> torch.Tensor:
-    """Unit normals of the surface patches that the cells are, float64 (M, 3); NaN where too few points make one."""
-    cells = scans.cells
-    unknown = torch.full_like(cells.points, torch.nan)
-    if cells.spreads is None:
-        return unknown
-    normals = torch.linalg.eigh(cells.spreads).eigenvectors[:, :, 0]  # of the least eigenvalue
-    return torch.where((cells.weights >= LEAST_PATCH)[:, None], normals, unknown)
 
 
 def _verdict(

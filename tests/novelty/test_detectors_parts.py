@@ -12,7 +12,7 @@ from novelty.detectors.scaled_graphs import build_scaled_graphs, scaled_mean_dis
 from novelty.matching import Components
 
 
-@pytest.mark.parametrize("level", [0.01, 0.25, 0.5, 0.99, 1.0])
+@pytest.mark.parametrize("level", [0.0, 0.01, 0.25, 0.5, 0.99, 1.0])
 def test_quantiles_of_groups_equal_numpy(rng, level):
     values, groups = rng.normal(size=300), rng.integers(0, 5, 300)
     repeats = rng.integers(1, 4, 300)

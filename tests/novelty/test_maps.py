@@ -96,6 +96,13 @@ class TestDetectAgainst:
         with pytest.raises(InputError, match="set unit to mm"):
             novelty.detect_against(scene_map, in_mm[1], Config())
 
+    def test_a_scan_of_which_nothing_is_left_does_not_touch_the_map(self, place):
+        low = novelty.fit(place["A"], Config(max_components=8).replace(**{"preprocess.max_height": 5.0}))
+        above = Scan(place["A"].points + [0.0, 0.0, 50.0], name="above")
+        assert not novelty.detect_against(low, above).changed
+        with pytest.raises(InputError, match="above has no point left to examine"):
+            novelty.update(low, above)
+
     def test_other_preprocessing_is_refused(self, place, scene_map):
         other = Config().replace(**{"preprocess.max_cell_size": 5})
         with pytest.raises(ConfigError, match="preprocess"):

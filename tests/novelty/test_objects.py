@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+import torch
 from scipy.spatial.transform import Rotation
 
 from novelty import PointState, detect
 from novelty.objects import OrientedBox, Things, describe_objects, find_moves, number_objects
+from novelty.objects.rigid import overlay
 from novelty.report import headline
 from novelty.report.tables import object_table
 from novelty.result import ComponentRecord
@@ -225,3 +227,12 @@ def test_removed_and_added_things_of_other_shape_stay_apart():
         "removed",
     }
     assert result.added.objects
+
+
+def test_overlays_are_as_good_on_a_map_as_at_its_origin(rng):
+    shape = torch.from_numpy(carton(rng, (0.6, 0.4, 0.5), ((0, 1), (1, 1), (2, 1)), 60))
+    start = torch.eye(3, dtype=torch.float64)[None], torch.zeros(1, 3, dtype=torch.float64)
+    far = torch.tensor([5e5, 5e6, 100.0], dtype=torch.float64)
+    here, there = (overlay(shape + at, shape + at, *start, reach=0.1, steps=3) for at in (0.0, far))
+    assert here.gaps.max() < 1e-6
+    assert there.gaps.max() < 1e-6

@@ -7,11 +7,11 @@ from scipy.stats import false_discovery_control
 
 from gmmtorch import GaussianMixtures, PointClouds
 from novelty import Scan, ScanPair
-from novelty.detectors.held_out import DealtCells, HeldOutScores
+from novelty.detectors.held_out import DealtCells, HeldOutScores, tail_p_values
 from novelty.detectors.likelihood import _stray
 from novelty.detectors.p_values import discoveries
 from novelty.detectors.unexplained import _squared_norms, find_unexplained
-from novelty.fitting import Fit, FitPlan, fit_independently
+from novelty.fitting import Fit, FitPlan, fit_independently, fitted_clouds
 from novelty.preprocess import Preprocess, prepare_pairs
 
 PLAIN = Preprocess(outliers="none", ground="none")
@@ -30,12 +30,16 @@ def batch_of(reference, current):
     return prepare_pairs([ScanPair(Scan(reference), Scan(current))], PLAIN)
 
 
+def clouds_of(batch):
+    return batch.reference.cells, batch.current.cells
+
+
 def test_what_is_new_gets_one_component_and_what_is_gone_another():
     batch = batch_of(
         np.vstack([floor(0), box(2, (1, 1, 0.6))]),
         np.vstack([floor(1), box(3, (3, 3, 0.6)), box(4, (3, 1, 0.6), 300)]),
     )
-    gone, new = find_unexplained(batch, 16)
+    gone, new = find_unexplained(batch, clouds_of(batch), 16)
     assert (gone.groups.counts > 0).sum() == 1
     assert (new.groups.counts > 0).sum() == 2
     np.testing.assert_allclose(gone.groups.means[0, 0], (1, 1, 0.6), atol=0.03)
@@ -48,7 +52,7 @@ def test_what_is_new_gets_one_component_and_what_is_gone_another():
 @pytest.mark.parametrize("most_groups", [0, 16])
 def test_the_same_scene_twice_leaves_nothing_unexplained(most_groups):
     batch = batch_of(floor(0), floor(1))
-    for side in find_unexplained(batch, most_groups):
+    for side in find_unexplained(batch, clouds_of(batch), most_groups):
         assert (side.groups.counts > 0).sum() == 0
         assert side.cells.double().mean() <= 0.002
 
@@ -58,7 +62,7 @@ def test_an_empty_scan_leaves_everything_explained():
     empty = batch.reference.cells
     nothing = PointClouds(empty.points[:0], empty.weights[:0], empty.spreads[:0], (0, 0), empty.dtype)
     object.__setattr__(batch.reference, "cells", nothing)
-    gone, new = find_unexplained(batch, 16)
+    gone, new = find_unexplained(batch, clouds_of(batch), 16)
     assert len(gone.cells) == 0
     assert not new.cells.any()
 
@@ -90,7 +94,7 @@ def test_held_out_scores_centre_on_zero_and_give_large_scores_small_p_values():
     asked = torch.tensor([[-100.0, 100.0, torch.nan]], dtype=torch.float64)
     p_values = null.p_values(asked, torch.zeros(1, dtype=torch.float64))[0]
     assert p_values[0] == 1
-    assert p_values[1] == pytest.approx(1 / (1 + len(null.scores[0])))
+    assert p_values[1] < 1e-9
     assert p_values[2].isnan()
 
 
@@ -100,11 +104,11 @@ def test_scores_that_stray_make_high_ones_less_improbable():
     )
     scores = torch.tensor([[0.0, 3.0, 40.0, torch.nan]], dtype=torch.float64)
     still, stirred = (null.p_values(scores, torch.tensor([s], dtype=torch.float64))[0] for s in (0.0, 2.0))
-    assert still[1] < 0.005
+    assert still[1] < 0.01
     # The sum of two Gaussians of 1 and 2: 3 is 1.34 standard deviations.
     assert abs(stirred[1] - 0.09) < 0.01
     assert abs(stirred[0] - 0.5) < 0.05
-    assert still[2] == pytest.approx(float(stirred[2])) == pytest.approx(1 / 1001)
+    assert still[2] < stirred[2] < 1e-6
     assert stirred[3].isnan()
 
 
@@ -130,3 +134,25 @@ def test_a_thing_of_a_few_cells_is_not_taken_for_chance_because_one_half_lacks_i
     assert 0 < (posterior.components == 1).sum() < 10  # fewer than two blocks
     null = HeldOutScores.of(dealt, mixtures, posterior, torch.tensor([0.05]), 5)
     assert null.scores[0].max() < 1
+
+
+def test_p_values_are_conformal_and_fall_exponentially_beyond_what_was_seen(rng):
+    null = torch.from_numpy(np.sort(rng.exponential(2.0, 500)))
+    asked = torch.tensor([-1.0, float(null[249]), float(null[-10]), 30.0, torch.nan], dtype=torch.float64)
+    p_values = tail_p_values(null, asked)
+    assert p_values[0] == 1
+    assert p_values[1] == pytest.approx(252 / 501)
+    assert p_values[2] == pytest.approx(11 / 501)
+    assert 1e-9 < p_values[3] < 1e-4  # exp(-15) = 3e-7 is true
+    assert p_values[4].isnan()
+    few = tail_p_values(null[:15], asked[3:4])
+    assert few[0] == pytest.approx(1 / 16)
+
+
+def test_what_is_not_explained_is_counted_as_the_fit_counts():
+    batch = batch_of(floor(0), np.vstack([floor(1), box(3, (3, 3, 0.6))]))
+    centroids = tuple(
+        fitted_clouds(scans, Fit(moments="centroid")) for scans in (batch.reference, batch.current)
+    )
+    _, new = find_unexplained(batch, centroids, 16)
+    assert float(new.groups.counts.sum()) == int(new.cells.sum())

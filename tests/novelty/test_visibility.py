@@ -7,9 +7,11 @@ import pytest
 import torch
 
 import novelty
-from novelty import Config, ScanPair
+from novelty import Config, Scan, ScanPair
+from novelty.preprocess import Preprocess, prepare
 from novelty.simulation import room_pair
 from novelty.visibility import Rays, Sight
+from novelty.visibility.normals import patch_normals
 
 ORIGIN = np.array([10.0, -5.0, 1.0])
 
@@ -63,6 +65,42 @@ def test_with_its_slope_known_a_point_at_an_edge_was_missed_and_a_slanted_surfac
     assert edge.sights(between - [0.0, 0.06, 0.0], 0.05, ahead)[0] == Sight.HIDDEN
     assert edge.sights(np.array([[5.0, 0.3, -0.52]]), 0.05, ahead)[0] == Sight.SEEN_THROUGH
     assert edge.sights(np.array([[5.0, 0.3, -0.52]]), 0.05, up)[0] == Sight.BESIDE  # edge on
+
+
+def spinning(turns, azimuths, same):
+    """A wall 3 m ahead seen by 16 lines 2 degrees apart, (N, 3); turns begin anywhere, or all at one azimuth."""
+    elevations = np.radians(np.linspace(-15, 15, 16))
+    starts = np.zeros(turns) if same else np.random.default_rng(0).random(turns)
+    azimuth = np.radians(
+        np.concatenate([(np.arange(azimuths) + start) * 40 / azimuths - 20 for start in starts])
+    )
+    azimuth, elevation = np.meshgrid(azimuth, elevations)
+    return 3.0 * np.stack([np.ones_like(azimuth), np.tan(azimuth), np.tan(elevation)], axis=-1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize(
+    ("turns", "azimuths", "same"), [(1, 200, True), (1, 800, True), (10, 100, False), (10, 100, True)]
+)
+def test_a_lidar_of_few_lines_sees_between_them_however_long_it_stood_still(turns, azimuths, same):
+    rays = Rays.of(spinning(turns, azimuths, same), np.zeros(3))
+    on_line, between = np.radians(1.0), np.radians(2.0)
+    places = 2.0 * np.array([[1.0, np.tan(0.013), np.tan(angle)] for angle in (on_line, between)])
+    facing = np.array([[1.0, 0.0, 0.0]] * 2)
+    assert rays.sights(places, 0.05, facing).tolist() == [Sight.SEEN_THROUGH] * 2
+    assert rays.sights(2 * places, 0.05, facing).tolist() == [Sight.HIDDEN] * 2
+    assert rays.sights(1.5 * places, 0.05, facing).tolist() == [Sight.SURFACE] * 2
+    assert rays.sights(np.array([[0.0, 2.0, 0.0]]), 0.05)[0] == Sight.NO_RAY
+
+
+@pytest.mark.parametrize(("turns", "azimuths"), [(1, 100), (1, 1200), (10, 200)])
+def test_pieces_of_single_scan_lines_face_as_the_wall_does(turns, azimuths):
+    points = spinning(turns, azimuths, same=False)
+    points *= 1 + np.random.default_rng(1).normal(0, 0.003, (len(points), 1))
+    scans = prepare([Scan(points, origin=np.zeros(3))], Preprocess(ground="none", outliers="none"))
+    normals = patch_normals(scans)
+    known = ~normals[:, 0].isnan()
+    assert known.double().mean() > 0.9
+    assert (normals[known, 0].abs() > 0.8).double().mean() > 0.9
 
 
 def test_no_points_and_no_rays_give_no_sight(rays):
