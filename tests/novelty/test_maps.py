@@ -98,7 +98,7 @@ class TestDetectAgainst:
 
     def test_a_scan_of_which_nothing_is_left_does_not_touch_the_map(self, place):
         low = novelty.fit(place["A"], Config(max_components=8).replace(**{"preprocess.max_height": 5.0}))
-        above = Scan(place["A"].points + [0.0, 0.0, 50.0], name="above")
+        above = Scan(place["A"].points + np.array([0.0, 0.0, 50.0]), name="above")
         assert not novelty.detect_against(low, above).changed
         with pytest.raises(InputError, match="above has no point left to examine"):
             novelty.update(low, above)
