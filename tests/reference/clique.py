@@ -31,15 +31,16 @@ def correspondence_graph(
     def d_mean(x, i, y, j):
         return np.linalg.norm(x[0][i] - y[0][j]) / length_scale
 
-    def d_covariance(x, i, y, j):
-        return distances.covariance_distance(x[1][i], y[1][j])
+    def d_covariance(x, y):
+        return [[distances.covariance_distance(first, second) for second in y[1]] for first in x[1]]
 
+    across, within_a, within_b = d_covariance(a, b), d_covariance(a, a), d_covariance(b, b)
     pairs = itertools.product(range(len(a[0])), range(len(b[0])))
-    nodes = [(i, j) for i, j in pairs if max(d_mean(a, i, b, j), d_covariance(a, i, b, j)) < node_threshold]
+    nodes = [(i, j) for i, j in pairs if max(d_mean(a, i, b, j), across[i][j]) < node_threshold]
     arcs = set()
     for (i, j), (k, m) in itertools.combinations(nodes, 2):
         w_mean = np.sqrt(abs(d_mean(a, i, a, k) ** power - d_mean(b, j, b, m) ** power))
-        w_covariance = np.sqrt(abs(d_covariance(a, i, a, k) ** power - d_covariance(b, j, b, m) ** power))
+        w_covariance = np.sqrt(abs(within_a[i][k] ** power - within_b[j][m] ** power))
         if i != k and j != m and max(w_mean, w_covariance) <= arc_threshold:
             arcs.add(frozenset([(i, j), (k, m)]))
     return nodes, arcs
