@@ -1,5 +1,6 @@
 import builtins
 import logging
+from functools import cache
 
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ def wall_and_box(seed, box):
     return np.concatenate([wall, front]) if box else wall
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def pair():
     """The box is there in the current scan only; the sensor of the reference looked from in front."""
     origin = np.array([1.5, 4.0, 1.0])
@@ -57,21 +58,27 @@ def config_of(name, **changes):
     )
 
 
+@pytest.fixture(scope="module")
+def found(pair):
+    """What a baseline finds in the pair."""
+    return cache(lambda name: detect(pair, config_of(name)))
+
+
 def test_every_baseline_is_under_test():
     assert set(CASES) | set(MIXTURE_CASES) == set(baseline_names())
     assert not set(baseline_names()) & set(detector_names())
 
 
-def test_finds_the_box_and_nothing_else(baseline, pair):
-    result = detect(pair, config_of(baseline))
+def test_finds_the_box_and_nothing_else(baseline, pair, found):
+    result = found(baseline)
     box = np.arange(pair.current.num_points) >= 6000
     assert result.added.point_labels[box].mean() > 0.95
     assert result.added.point_labels[~box].mean() < 0.01
     assert result.removed.point_labels.mean() < 0.01
 
 
-def test_roles_exchanged_exchange_the_answer(baseline, pair):
-    there = detect(pair, config_of(baseline))
+def test_roles_exchanged_exchange_the_answer(baseline, pair, found):
+    there = found(baseline)
     back = detect(ScanPair(pair.current, pair.reference), config_of(baseline))
     np.testing.assert_array_equal(there.added.point_labels, back.removed.point_labels)
     np.testing.assert_array_equal(there.removed.point_labels, back.added.point_labels)
@@ -91,8 +98,8 @@ def test_the_same_scan_twice_is_unchanged(baseline, pair):
     assert not result.added.objects
 
 
-def test_travels_without_mixtures(baseline, pair):
-    result = detect(pair, config_of(baseline))
+def test_travels_without_mixtures(baseline, found):
+    result = found(baseline)
     assert result.added.components == ()
     assert (result.added.point_components == -1).all()
     assert (result.added.point_states != PointState.NOT_EXAMINED).all()
@@ -191,8 +198,8 @@ def clustering(request):
     return request.param
 
 
-def test_clusters_find_the_box(clustering, pair):
-    result = detect(pair, config_of(clustering))
+def test_clusters_find_the_box(clustering, pair, found):
+    result = found(clustering)
     box = np.arange(pair.current.num_points) >= 6000
     assert result.added.point_labels[box].mean() > 0.9
     assert any(record.novel for record in result.added.components)
@@ -219,8 +226,8 @@ def test_clusters_of_an_empty_side(clustering, pair):
     assert "nothing can be called added" in result.message
 
 
-def test_as_many_kmeans_clusters_as_asked_and_no_more_than_points(pair):
-    result = detect(pair, config_of("kmeans_mixture"))
+def test_as_many_kmeans_clusters_as_asked_and_no_more_than_points(pair, found):
+    result = found("kmeans_mixture")
     assert len(result.added.components) == 6
     assert sum(record.num_points for record in result.added.components) == pair.current.num_points
     few = Scan(pair.current.points[[0, 3000, 6000]])

@@ -1,6 +1,7 @@
 """`novelty fit`, `novelty update`, and `novelty detect` with a map."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -42,12 +43,19 @@ def run(capsys, folder, monkeypatch):
     return call
 
 
+@pytest.fixture(scope="module")
+def fitted_map(folder, origin):
+    file = folder / "room.safetensors"
+    with pytest.raises(SystemExit) as stop:
+        main(("fit", str(folder / "before.ply"), "--out", str(file), "--origin", origin, *QUICK))
+    assert stop.value.code == 0
+    return file
+
+
 @pytest.fixture
-def map_file(run, origin, tmp_path):
-    file = tmp_path / "room.safetensors"
-    code, *_ = run("fit", "before.ply", "--out", str(file), "--origin", origin, *QUICK)
-    assert code == 0
-    return str(file)
+def map_file(fitted_map, tmp_path):
+    """A copy, since an update replaces the file."""
+    return str(shutil.copy(fitted_map, tmp_path))
 
 
 def fits(text):

@@ -1,6 +1,7 @@
 """What every detector promises: no change no novelty, a new blob is found, roles and batches do not matter."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -77,6 +78,17 @@ def judged(detector: Detector, batch: PreparedPairs) -> tuple[Models, Comparison
     return models, detector.compare(batch, models)
 
 
+@cache
+def with_box() -> PreparedPairs:
+    """A pair in whose current scan the box has come."""
+    return pairs((room(0), room(1, box=True)))
+
+
+@cache
+def judged_with_box(detector: Detector) -> tuple[Models, Comparison]:
+    return judged(detector, with_box())
+
+
 def novel_points(novelty: ComponentNovelty, batch: PreparedPairs, models: Models) -> np.ndarray:
     points = batch.current.points
     components = models.current.mixtures.assign(points)
@@ -107,8 +119,8 @@ def test_the_same_mixture_twice_shows_no_novelty(detector):
 
 @each_detector
 def test_an_inserted_blob_is_found(detector):
-    batch = pairs((room(0), room(1, box=True)))
-    models, comparison = judged(detector, batch)
+    batch = with_box()
+    models, comparison = judged_with_box(detector)
     inserted = (batch.current.points.points - torch.from_numpy(BOX_CENTRE)).norm(dim=1).numpy() < 0.25
     found = novel_points(comparison.added, batch, models)
     assert found[inserted].mean() > 0.95
@@ -116,8 +128,8 @@ def test_an_inserted_blob_is_found(detector):
 
 @each_steady_detector
 def test_nothing_but_the_inserted_blob_is_novel(detector):
-    batch = pairs((room(0), room(1, box=True)))
-    models, comparison = judged(detector, batch)
+    batch = with_box()
+    models, comparison = judged_with_box(detector)
     inserted = (batch.current.points.points - torch.from_numpy(BOX_CENTRE)).norm(dim=1).numpy() < 0.25
     assert novel_points(comparison.added, batch, models)[~inserted].mean() < 0.01
     assert novel_points(comparison.removed, batch.exchanged(), models.exchanged()).mean() < 0.01
@@ -125,8 +137,7 @@ def test_nothing_but_the_inserted_blob_is_novel(detector):
 
 @each_detector
 def test_scores_order_the_blob_above_the_rest(detector):
-    batch = pairs((room(0), room(1, box=True)))
-    models, comparison = judged(detector, batch)
+    models, comparison = judged_with_box(detector)
     distance = (models.current.mixtures.means[0] - torch.from_numpy(BOX_CENTRE)).norm(dim=1)
     blob = int(distance.argmin())
     scores = comparison.added.scores[0]
@@ -265,8 +276,8 @@ def test_a_few_straddling_cells_are_no_evidence():
 
 
 def test_likelihood_points_agree_with_their_components():
-    batch = pairs((room(0), room(1, box=True)))
-    _, comparison = judged(Likelihood(), batch)
+    batch = with_box()
+    _, comparison = judged_with_box(Likelihood())
     scores = comparison.added.point_scores.numpy()
     inserted = (batch.current.points.points - torch.from_numpy(BOX_CENTRE)).norm(dim=1).numpy() < 0.25
     assert scores.shape == inserted.shape

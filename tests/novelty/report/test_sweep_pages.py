@@ -42,6 +42,12 @@ def page_of(runs, path, **options):
     return path.read_text()
 
 
+@pytest.fixture(scope="module")
+def page(runs, tmp_path_factory):
+    """The page of the first sweep."""
+    return page_of(runs, tmp_path_factory.mktemp("page") / "report.html")
+
+
 def content_of(page):
     return json.loads(
         re.search(r'<script type="application/json" id="figures">(.*?)</script>', page, re.DOTALL)[1]
@@ -51,8 +57,7 @@ def content_of(page):
 # --- the page
 
 
-def test_the_page_needs_nothing_else(runs, tmp_path):
-    page = page_of(runs, tmp_path / "report.html")
+def test_the_page_needs_nothing_else(page):
     without_plotly = re.sub(r"<script>.{1000000,}?</script>", "", page, flags=re.DOTALL)
     assert not re.findall(r'(?:src|href)="(?!#)', without_plotly)
     assert "@import" not in without_plotly
@@ -60,8 +65,7 @@ def test_the_page_needs_nothing_else(runs, tmp_path):
     assert "@media print" in page
 
 
-def test_the_page_says_what_was_found(runs, tmp_path):
-    page = page_of(runs, tmp_path / "report.html")
+def test_the_page_says_what_was_found(page):
     assert "Highest mean κ with detector joint_mixture" in page
     for words in ("Scores", "Model orders", "Worst and best pairs", "Failures", "To do it again"):
         assert f">{words}</h2>" in page
@@ -77,8 +81,7 @@ def test_refinement_that_all_detectors_share_is_said(tmp_path, method, told):
     assert ("run with refine.method=none" in page) == told
 
 
-def test_the_table_of_scores_holds_means_with_intervals(runs, tmp_path):
-    page = page_of(runs, tmp_path / "report.html")
+def test_the_table_of_scores_holds_means_with_intervals(runs, page):
     table = re.search(r'data-metric-table="kappa"[^>]*>(.*?)</table>', page, re.DOTALL)[1]
     names = re.findall(r'<th class="series">(.*?)</th>', table)
     shown = np.array(re.findall(r"<b>(.*?)</b>", table), dtype=float).reshape(-1, len(names))
@@ -90,8 +93,8 @@ def test_the_table_of_scores_holds_means_with_intervals(runs, tmp_path):
         assert float(low) < float(mean) < float(high)
 
 
-def test_every_score_has_a_figure_with_both_bands(runs, tmp_path):
-    effects = content_of(page_of(runs, tmp_path / "report.html"))["effects"]
+def test_every_score_has_a_figure_with_both_bands(page):
+    effects = content_of(page)["effects"]
     assert list(effects) == ["max_components"]
     assert list(effects["max_components"]) == ["kappa", "cramers_v", "uncertainty", "f1", "iou"]
     traces = effects["max_components"]["kappa"]["data"]
@@ -103,8 +106,7 @@ def test_every_score_has_a_figure_with_both_bands(runs, tmp_path):
     assert len(bands) == 2 * len(DETECTORS)
 
 
-def test_pairs_that_were_kept_can_be_viewed_with_their_ellipsoids(runs, tmp_path):
-    page = page_of(runs, tmp_path / "report.html")
+def test_pairs_that_were_kept_can_be_viewed_with_their_ellipsoids(page):
     views = re.findall(r'<script type="application/json" id="run-\d+">(.*?)</script>', page, re.DOTALL)
     assert len(views) == len(re.findall(r'data-run="', page)) == 6
     traces = json.loads(views[0])["added"]["data"]

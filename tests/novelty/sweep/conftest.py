@@ -29,7 +29,7 @@ def manifest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "pairs.csv"
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def small_mapping(manifest: Path) -> dict[str, Any]:
     """Two pairs under four settings."""
     return {
@@ -38,7 +38,7 @@ def small_mapping(manifest: Path) -> dict[str, Any]:
     }
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def small(small_mapping: dict[str, Any]) -> Sweep:
     """The same as a sweep."""
     return Sweep.from_mapping(small_mapping)

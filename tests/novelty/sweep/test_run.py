@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -26,6 +27,18 @@ from novelty.sweep.store import RUN, StoreError
 from novelty.sweep.sweep import Sweep
 
 HERE = RunOptions(workers=0)
+
+
+@pytest.fixture(scope="module")
+def finished(small, tmp_path_factory):
+    """The folder of the small sweep after one run, to be read only, and the summary of that run."""
+    folder = tmp_path_factory.mktemp("finished")
+    return folder, run_sweep(small, folder, HERE)
+
+
+@pytest.fixture
+def finished_copy(finished, tmp_path):
+    return shutil.copytree(finished[0], tmp_path / "copy")
 
 
 def outcome(root, columns=EXACT):
@@ -64,9 +77,8 @@ def two_scans(seed):
     return pair.reference.points, pair.current.points
 
 
-def test_rows_are_those_of_single_runs(small, tmp_path):
-    run_sweep(small, tmp_path, HERE)
-    rows = {(r["pair"], r["axes"]): r for r in read_rows(tmp_path).to_pylist()}
+def test_rows_are_those_of_single_runs(small, finished):
+    rows = {(r["pair"], r["axes"]): r for r in read_rows(finished[0]).to_pylist()}
     assert len(rows) == 8
     for pair in pairs_of(small):
         scans = pair.load()
@@ -132,22 +144,21 @@ def test_shared_stages_are_made_once(small, monkeypatch):
         np.testing.assert_array_equal(one.result.added.point_scores, alone.added.point_scores)
 
 
-def test_nothing_is_run_twice(small, tmp_path):
-    first = run_sweep(small, tmp_path, HERE)
-    again = run_sweep(small, tmp_path, HERE)
+def test_nothing_is_run_twice(small, finished, finished_copy):
+    _, first = finished
+    again = run_sweep(small, finished_copy, HERE)
     assert (first.computed, again.computed, again.finished_before, again.left) == (8, 0, 8, 0)
     more = Sweep.from_mapping(small.to_mapping() | {"repetitions": 2})
-    assert run_sweep(more, tmp_path, HERE).computed == 8
-    assert len(read_rows(tmp_path)) == 16
+    assert run_sweep(more, finished_copy, HERE).computed == 8
+    assert len(read_rows(finished_copy)) == 16
 
 
-def test_a_stopped_sweep_goes_on_where_it_was(small, tmp_path):
+def test_a_stopped_sweep_goes_on_where_it_was(small, finished, tmp_path):
     asked = iter([False, True, True, True])
     stopped = run_sweep(small, tmp_path / "stopped", HERE, stopping=lambda: next(asked))
     assert 0 < stopped.left < 8
     assert run_sweep(small, tmp_path / "stopped", HERE).computed == stopped.left
-    run_sweep(small, tmp_path / "whole", HERE)
-    assert same(outcome(tmp_path / "stopped"), outcome(tmp_path / "whole"))
+    assert same(outcome(tmp_path / "stopped"), outcome(finished[0]))
 
 
 def test_bad_pairs_are_rows_with_their_reason(tmp_path):
@@ -223,15 +234,14 @@ def test_a_full_disk_stops_with_a_message_and_keeps_what_is_finished(small, tmp_
     assert run_sweep(small, tmp_path, HERE).finished_before == 4
 
 
-def test_a_damaged_shard_is_said_and_its_runs_are_computed_again(small, tmp_path):
-    run_sweep(small, tmp_path, HERE)
-    before = outcome(tmp_path)
-    shard = sorted(SweepFolder(tmp_path).rows.iterdir())[0]
+def test_a_damaged_shard_is_said_and_its_runs_are_computed_again(small, finished_copy):
+    before = outcome(finished_copy)
+    shard = sorted(SweepFolder(finished_copy).rows.iterdir())[0]
     shard.write_bytes(shard.read_bytes()[:1000])
-    again = run_sweep(small, tmp_path, HERE)
+    again = run_sweep(small, finished_copy, HERE)
     assert [path.name for path in again.damaged] == [shard.name]
     assert again.computed == 4
-    assert same(outcome(tmp_path), before)
+    assert same(outcome(finished_copy), before)
 
 
 def test_labels_and_mixtures_are_kept_on_request(small, tmp_path):
