@@ -189,7 +189,7 @@ def test_an_end_of_a_thing_is_recognised_where_something_hid_the_rest(rng):
 
 @pytest.fixture(scope="module")
 def moved_bin():
-    simulated = simulate_pair("corridor", 3, ("move",), noise=0.01)
+    simulated = simulate_pair("corridor", 3, ("move",), noise=0.01, density=0.3)
     return simulated, detect(simulated.scans)
 
 
@@ -221,7 +221,7 @@ def test_moved_object_in_words(moved_bin):
 
 
 def test_removed_and_added_things_of_other_shape_stay_apart():
-    result = detect(simulate_pair("corridor", 1, ("remove", "box"), noise=0.01).scans)
+    result = detect(simulate_pair("corridor", 1, ("remove", "box"), noise=0.01, density=0.3).scans)
     assert {record.kind for record in (*result.added.objects, *result.removed.objects)} <= {
         "added",
         "removed",

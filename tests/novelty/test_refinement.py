@@ -104,7 +104,7 @@ def test_refinement_finds_what_shares_a_component_with_a_wall():
 @pytest.mark.parametrize("shift", [0.0, 1.5])
 def test_p_values_of_unchanged_points_keep_their_level(shift):
     """Seen twice, from one place and from another: as rare as they claim, and not much rarer than they need be."""
-    scans = simulate_pair("room", 4, (), noise=0.01, viewpoint_shift=shift).scans
+    scans = simulate_pair("room", 4, (), noise=0.01, density=0.4, viewpoint_shift=shift).scans
     added = novelty.detect(novelty.ScanPair(scans.reference, scans.current)).added
     p_values = added.point_p_values[(scans.current.labels == 0) & np.isfinite(added.point_p_values)]
     for level in (0.5, 0.1, 0.05):
