@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 GMM_GPU := .venv-gmm-gpu
+# Neighbouring tests share what they prepare: each worker begins with a half of its own, and takes from the other's at the end.
+SPREAD := -n auto --dist worksteal
 OPEN3D_LIBRARIES := libGL.so.1 libEGL.so.1 libX11.so.6 libusb-1.0.so.0 libudev.so.1 libidn2.so.0 libgomp.so.1
 OPEN3D_PACKAGES := libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1
 
@@ -40,14 +42,14 @@ demo: setup
 	$(BIN)/novelty demo --out demo-output
 
 test: setup
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest $(SPREAD)
 
 test-all: setup
-	$(BIN)/python -m pytest -n auto -m "slow or data or not slow"
+	$(BIN)/python -m pytest $(SPREAD) -m "slow or data or not slow"
 
 # What `make test` leaves out: CI runs it after `make test`.
 test-more: setup
-	$(BIN)/python -m pytest -n auto -m "slow or data"
+	$(BIN)/python -m pytest $(SPREAD) -m "slow or data"
 
 lint: setup
 	$(BIN)/ruff check .
