@@ -42,8 +42,10 @@ DISTURBANCES: dict[str, dict[str, Any]] = {
     "size 50 cm": {"object_size": 0.5},
     "density 0.25": {"density": 0.25},
     "density 4": {"density": 4.0},
+    "16 lines": {"sensor": "vlp_16"},
+    "16 lines 1 m": {"sensor": "vlp_16", "viewpoint_shift": 1.0},
 }
-"""Against a noise of 1 cm, one pose, one viewpoint, the usual sizes and the sensor's own density."""
+"""Against a noise of 1 cm, one pose, one viewpoint, the usual sizes, and a turned planar scanner at its own density."""
 
 
 def data_folder() -> Path | None:
