@@ -51,8 +51,9 @@ def calibrate(
     with working("Starting"):
         from novelty.calibration import calibrate as choose
         from novelty.config_yaml import changed_yaml
-        from novelty.io import read_entries, write_text
+        from novelty.io import read_entries, refuse_overwriting, write_text
 
+        refuse_overwriting([out_file], [pairs], "choose another name")
         settings = build_config(
             config,
             assignments,

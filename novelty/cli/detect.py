@@ -78,9 +78,11 @@ def detect(
         from novelty.io import read_scan
         from novelty.maps import detect_against
         from novelty.pipeline import detect as detect_pair
-        from novelty.report import Run, make_folder, write_outputs
+        from novelty.report import Run, check_folder, make_folder, write_outputs
         from novelty.scan import ScanPair
 
+        if out_folder is not None:
+            check_folder(out_folder, (reference, current))
         scene_map = _map(reference, reference_origin)
         given = {"detector": detector, "unit": unit, "max_components": max_components, "seed": seed}
         if scene_map is None:

@@ -62,8 +62,10 @@ def evaluate(
         raise typer.BadParameter(f"expected a file ending in {' or '.join(SUFFIXES)}", param_hint="--out")
     with working("Starting"):
         from novelty.cli.rows import write_rows
-        from novelty.io import read_entries
+        from novelty.io import read_entries, refuse_overwriting
 
+        if out_file is not None:
+            refuse_overwriting([out_file], [pairs], "choose another name")
         given = {"unit": unit, "max_components": max_components, "seed": seed}
         shared = build_config(config, assignments, preset, **given)
         configs = [shared.replace(detector=name) for name in dict.fromkeys(detectors or [shared.detector])]

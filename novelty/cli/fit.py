@@ -28,7 +28,7 @@ def fit(
     scan: Annotated[Path, typer.Argument(metavar="SCAN", help="Scan of the place.")],
     *,
     out_file: Annotated[
-        Path, typer.Option("--out", metavar="FILE", help="Where the map is written: FILE.safetensors.")
+        Path, typer.Option("--out", metavar="FILE", help="Where the map is written; ends in .safetensors.")
     ],
     preset: Preset = None,
     config: ConfigFile = None,
@@ -42,8 +42,10 @@ def fit(
     place = parse_origin(origin, "--origin")
     with working("Starting"):
         from novelty.io import read_scan
+        from novelty.maps import check_replaceable
         from novelty.maps import fit as fit_scan
 
+        check_replaceable(out_file)
         settings = build_config(
             config, assignments, preset, unit=unit, max_components=max_components, seed=seed
         )

@@ -43,9 +43,11 @@ def update(
     with working("Starting"):
         from novelty.cli.answer import show_answer
         from novelty.io import read_scan
-        from novelty.maps import SceneMap
+        from novelty.maps import SceneMap, check_replaceable
         from novelty.maps import update as update_map
 
+        if out_file is not None:
+            check_replaceable(out_file)
         scene_map = SceneMap.load(file)
         settings = build_map_config(scene_map, config, assignments, detector=detector, unit=unit)
     with working("Reading the scan"):

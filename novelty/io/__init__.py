@@ -3,6 +3,7 @@
 from novelty.io.atomic import replacing, write_json, write_text
 from novelty.io.manifest import FailedPair, load_pairs, read_entries, read_pairs
 from novelty.io.open3d_library import load_open3d
+from novelty.io.overwriting import refuse_overwriting
 from novelty.io.pair_entry import PairEntry
 from novelty.io.ply import write_ply
 from novelty.io.poses import Poses
@@ -21,6 +22,7 @@ __all__ = [
     "read_pairs",
     "read_scan",
     "read_sequence",
+    "refuse_overwriting",
     "replacing",
     "write_json",
     "write_ply",

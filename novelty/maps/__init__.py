@@ -4,6 +4,6 @@ from novelty.maps.build import fit
 from novelty.maps.compare import detect_against
 from novelty.maps.renewal import MapUpdate, update
 from novelty.maps.scene_map import SceneMap
-from novelty.maps.storage import is_map
+from novelty.maps.storage import check_replaceable, is_map
 
-__all__ = ["MapUpdate", "SceneMap", "detect_against", "fit", "is_map", "update"]
+__all__ = ["MapUpdate", "SceneMap", "check_replaceable", "detect_against", "fit", "is_map", "update"]

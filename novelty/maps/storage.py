@@ -16,6 +16,7 @@ from novelty.errors import InputError
 from novelty.io.atomic import replacing
 
 KIND = "novelty.SceneMap"
+SUFFIX = ".safetensors"
 FORMAT = "1"
 """Raised when an array or a key of the record changes its meaning."""
 
@@ -79,7 +80,7 @@ def load_arrays(path: str | Path) -> tuple[Arrays, dict[str, Any]]:
 def is_map(path: str | Path) -> bool:
     """Whether a file is a safetensors file, by its extension or its first bytes; it may still be no map."""
     file = Path(path)
-    if file.suffix.lower() == ".safetensors":
+    if file.suffix.lower() == SUFFIX:
         return True
     if not file.is_file():
         return False
@@ -87,6 +88,30 @@ def is_map(path: str | Path) -> bool:
         start = opened.read(9)
     length = int.from_bytes(start[:8], "little")
     return start[8:] == b"{" and length <= LONGEST_HEADER
+
+
+def check_replaceable(path: str | Path) -> None:
+    """Make sure that a map written here overwrites nothing but a map, or an empty file.
+
+    Raises:
+        InputError: The name does not end in `.safetensors`, or something else lies there.
+    """
+    file = Path(path)
+    if file.suffix.lower() != SUFFIX:
+        raise InputError(f"{file}: expected a file ending in {SUFFIX}, as which maps are written.")
+    if file.is_file() and file.stat().st_size and _kind(file) != KIND:
+        raise InputError(f"{file}: this is no map, and the map would overwrite it; choose another name.")
+
+
+def _kind(file: Path) -> str | None:
+    """What a file says it is; None where it says nothing."""
+    import safetensors
+
+    try:
+        with safetensors.safe_open(file, framework="np") as opened:
+            return (opened.metadata() or {}).get("kind")
+    except (OSError, safetensors.SafetensorError):
+        return None
 
 
 def _digest(arrays: Arrays, record: str) -> str:

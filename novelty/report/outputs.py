@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from novelty.errors import InputError
 from novelty.evaluation import LabelledScores
-from novelty.io import write_json, write_ply
+from novelty.io import refuse_overwriting, write_json, write_ply
 from novelty.report.page import write_report
 from novelty.report.record import result_record
 from novelty.report.run import Run
 from novelty.result import Change, NoveltyResult
 from novelty.scan import Scan, ScanPair
+
+RECORD, CURRENT, REFERENCE, REPORT = "result.json", "current.ply", "reference.ply", "report.html"
+"""The files of the folder."""
 
 
 def write_outputs(
@@ -36,17 +39,39 @@ def write_outputs(
         scores: Agreement with the ground truth for `added` and `removed`, where it is known.
 
     Raises:
-        InputError: The folder cannot be written to.
+        InputError: The folder cannot be written to, or scans lie there that must not be overwritten.
         MissingDependencyError: Open3D, which writes PLY, cannot be loaded.
     """
+    check_folder(folder, [scan.name for scan in (pair.reference, pair.current) if scan.name])
     target = make_folder(folder)
     try:
-        write_json(target / "result.json", result_record(pair, result, run, scores or {}))
-        write_labelled_scan(target / "current.ply", pair.current, result.added)
-        write_labelled_scan(target / "reference.ply", pair.reference, result.removed)
-        write_report(target / "report.html", pair, result, run, scores)
+        write_json(target / RECORD, result_record(pair, result, run, scores or {}))
+        write_labelled_scan(target / CURRENT, pair.current, result.added)
+        write_labelled_scan(target / REFERENCE, pair.reference, result.removed)
+        write_report(target / REPORT, pair, result, run, scores)
     except OSError as error:
         raise InputError(f"{target}: the results cannot be written: {error.strerror or error}.") from None
+
+
+def check_folder(folder: str | Path, inputs: Iterable[str | Path]) -> None:
+    """Make sure that results in this folder overwrite neither the inputs nor scans that no comparison wrote.
+
+    Args:
+        folder: Where the results go.
+        inputs: The scans that are compared: their files, or names that may be files.
+
+    Raises:
+        InputError: They would.
+    """
+    target = Path(folder)
+    scans = [target / CURRENT, target / REFERENCE]
+    refuse_overwriting([*scans, target / RECORD, target / REPORT], inputs, "choose another folder")
+    if not (target / RECORD).exists():
+        for scan in scans:
+            if scan.exists():
+                raise InputError(
+                    f"{scan}: the results would overwrite this scan, which no comparison wrote; choose another folder."
+                )
 
 
 def make_folder(folder: str | Path) -> Path:

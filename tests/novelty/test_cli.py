@@ -90,6 +90,21 @@ class TestDetect:
         assert message in err
         assert "Traceback" not in err
 
+    def test_out_never_overwrites_a_scan(self, run, folder, tmp_path):
+        raw = tmp_path / "pair"
+        raw.mkdir()
+        for name, copy in (("before.ply", "reference.ply"), ("after.ply", "current.ply")):
+            (raw / copy).write_bytes((folder / name).read_bytes())
+        before = {path.name: path.read_bytes() for path in raw.iterdir()}
+        (tmp_path / "link").symlink_to(raw)
+        for inputs in ((raw / "reference.ply", raw / "current.ply"), ("before.ply", "after.ply")):
+            for out_folder in (raw, tmp_path / "link"):
+                code, out, err = run("detect", *map(str, inputs), "--out", str(out_folder))
+                assert (code, out) == (2, "")
+                assert "overwrite" in err
+                assert "choose another folder" in err
+        assert {path.name: path.read_bytes() for path in raw.iterdir()} == before
+
     def test_an_identical_cloud_has_no_answer(self, run, folder):
         (folder / "same.xyz").write_text("1 2 3\n" * 40)
         code, _, err = run("detect", "same.xyz", "after.ply")
@@ -148,10 +163,19 @@ class TestEvaluate:
             kappas.append([row["kappa"] for row in rows])
         assert kappas[0] == pytest.approx(kappas[1], abs=1e-9)
 
-    @pytest.mark.parametrize("arguments", [("no.csv",), ("before.ply",), ("pairs.csv", "--out", "rows.txt")])
-    def test_what_cannot_be_used_is_refused(self, run, manifest, arguments):
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            (("no.csv",), "no such manifest"),
+            (("before.ply",), ""),
+            (("pairs.csv", "--out", "rows.txt"), ".csv or .json"),
+            (("pairs.csv", "--out", "pairs.csv"), "overwrite"),
+        ],
+    )
+    def test_what_cannot_be_used_is_refused(self, run, manifest, arguments, message):
         code, _, err = run("evaluate", *arguments)
         assert code == 2
+        assert message in err
         assert "Traceback" not in err
 
 

@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from safetensors.numpy import load_file, save_file
 
 from novelty.cli import main
 from novelty.io import read_scan, write_ply
@@ -26,6 +27,7 @@ def folder(tmp_path_factory):
     write_ply(folder / "before.ply", pair.reference.points)
     write_ply(folder / "after.ply", pair.current.points)
     write_ply(folder / "millimetres.ply", pair.reference.points * 1000)
+    save_file({"weight": np.zeros(3)}, folder / "weights.safetensors")
     return folder
 
 
@@ -122,18 +124,25 @@ def test_update_replaces_the_map_and_says_what_it_cannot_know(run, map_file):
         (("fit", "before.ply"), "--out"),
         (("fit", "bfore.ply", "--out", "x.safetensors"), "Did you mean 'before.ply'?"),
         (("fit", "before.ply", "--out", "before.ply/x.safetensors"), "cannot be written"),
+        (("fit", "before.ply", "--out", "after.ply"), "ending in .safetensors"),
+        (("fit", "before.ply", "--out", "map.npz"), "ending in .safetensors"),
+        (("fit", "before.ply", "--out", "weights.safetensors"), "is no map"),
+        (("update", "MAP", "after.ply", "--out", "after.ply"), "ending in .safetensors"),
+        (("update", "MAP", "after.ply", "--out", "weights.safetensors"), "is no map"),
     ],
 )
-def test_what_cannot_be_used_is_told_in_one_message(run, map_file, arguments, message):
+def test_what_cannot_be_used_is_told_in_one_message(run, folder, map_file, arguments, message):
     code, out, err = run(*(map_file if part == "MAP" else part for part in arguments))
     assert (code, out) == (2, "")
     assert message in err
     assert "Traceback" not in err
+    assert len(load_file(folder / "weights.safetensors")) == 1
 
 
 def test_a_map_of_millimetres_is_compared_in_millimetres(run, tmp_path):
-    file = str(tmp_path / "mm.map")
-    run("fit", "millimetres.ply", "--out", file, "--unit", "mm", *QUICK)
-    code, out, _ = run("detect", file, "millimetres.ply", "--fail-on-change")
+    file = tmp_path / "mm.safetensors"
+    run("fit", "millimetres.ply", "--out", str(file), "--unit", "mm", *QUICK)
+    renamed = file.rename(tmp_path / "mm.map")  # known by its contents
+    code, out, _ = run("detect", str(renamed), "millimetres.ply", "--fail-on-change")
     assert code == 0
     assert out.startswith("No change found")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from novelty.errors import InputError
 from novelty.evaluation import evaluate_labels
 from novelty.report import Run, headline, write_outputs, write_report
 from novelty.report.frame import Frame
@@ -241,6 +242,15 @@ class TestWriteOutputs:
         np.testing.assert_array_equal(rows["state"], result.added.point_states)
         np.testing.assert_array_equal(rows["component"], result.added.point_components)
         np.testing.assert_array_equal(np.isnan(rows["score"]), np.isnan(result.added.point_scores))
+
+    def test_never_writes_over_the_scans_it_speaks_of(self, folder, case):
+        from novelty.io import read_scan
+
+        before = (folder / "current.ply").read_bytes()
+        pair = replace(case[0], current=read_scan(folder / "current.ply"))
+        with pytest.raises(InputError, match=r"current\.ply.*overwrite.*another folder"):
+            write_outputs(folder, pair, case[1], RUN)
+        assert (folder / "current.ply").read_bytes() == before
 
 
 def _fields(header):
