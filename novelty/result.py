@@ -126,6 +126,15 @@ class Change:
     components: tuple[ComponentRecord, ...]
     objects: tuple[ObjectRecord, ...]
 
+    @property
+    def num_examined(self) -> int:
+        """Number of points about which something is said."""
+        return len(self.point_states) - self.count(PointState.NOT_EXAMINED)
+
+    def count(self, state: PointState) -> int:
+        """Number of points in a state."""
+        return int((self.point_states == state).sum())
+
     @classmethod
     def not_examined(cls, num_points: int) -> Change:
         """The change of a scan about which nothing can be said."""

@@ -10,7 +10,7 @@ from rich.table import Table
 from novelty.cli.scoring import cells, score_table, scored_pair
 from novelty.cli.terminal import out, plain_table
 from novelty.evaluation import LabelledScores
-from novelty.report.answer import evidence, headline, notes
+from novelty.report.answer import evidence, headline, notes, unseen
 from novelty.report.tables import Table as ReportTable
 from novelty.report.tables import object_table
 from novelty.result import NoveltyResult
@@ -20,11 +20,13 @@ MAX_ROWS = 20
 
 
 def show_answer(result: NoveltyResult, unit: str, scores: Mapping[str, LabelledScores]) -> None:
-    """Print the headline, the objects, the scores where there is ground truth, the notes and the timings."""
+    """Print the headline, what it does not cover, the objects, the scores, the notes and the timings."""
     colour = "yellow" if result.changed else "green"
     out.print(f"[bold {colour}]{headline(result)}[/]")
     if evidence(result):
         out.print(evidence(result), style="dim")
+    for line in unseen(result):
+        out.print(line, style="yellow")
     objects = object_table(result, unit)
     if objects.rows:
         out.print(_as_rich(objects, leave_out=("components",)))

@@ -1,10 +1,14 @@
-"""The answer in words: one headline, and the notes under it."""
+"""The answer in words: one headline, what it does not cover, and the notes under it."""
 
 from __future__ import annotations
 
 import math
 
-from novelty.result import NoveltyResult, ResultStatus
+from novelty.report.tables import thousands
+from novelty.result import Change, NoveltyResult, PointState, ResultStatus
+
+LARGE_SHARE = 0.05
+"""Share of a scan's examined points from which on it is said that they could not be judged."""
 
 
 def headline(result: NoveltyResult) -> str:
@@ -12,7 +16,7 @@ def headline(result: NoveltyResult) -> str:
     if result.status is ResultStatus.FAILED:
         return "No answer"
     if not result.changed:
-        return "No change found"
+        return "No change found where both scans saw" if unseen(result) else "No change found"
     kinds = [record.kind for record in (*result.added.objects, *result.removed.objects)]
     # A moved object stands on both sides.
     counts = {
@@ -38,9 +42,30 @@ def evidence(result: NoveltyResult) -> str:
     return ", ".join(parts)
 
 
+def unseen(result: NoveltyResult) -> list[str]:
+    """One sentence per scan of which a large share could not be judged: it may have changed, and was not seen."""
+    sides = (("reference", "current", result.removed), ("current", "reference", result.added))
+    return [line for scan, other, change in sides if (line := _unseen(scan, other, change))]
+
+
 def notes(result: NoveltyResult) -> list[str]:
     """What a reader must know beside the answer, one sentence or list of them per line."""
     return [line.strip() for line in result.message.splitlines() if line.strip()]
+
+
+def _unseen(scan: str, other: str, change: Change) -> str:
+    hidden, outside = (change.count(state) for state in (PointState.OCCLUDED, PointState.UNOBSERVED))
+    count = hidden + outside
+    share = count / max(change.num_examined, 1)
+    if share < LARGE_SHARE:
+        return ""
+    reasons = {
+        f"nothing there{f' ({thousands(outside)})' if hidden else ''}": outside,
+        f"something in front of them{f' ({thousands(hidden)})' if outside else ''}": hidden,
+    }
+    why = " or ".join(reason for reason, points in reasons.items() if points)
+    whose = f"{thousands(count)} points of the {scan} scan ({100 * share:.0f} %)"
+    return f"{whose} have no counterpart, but the {other} scan saw {why}."
 
 
 def _objects(count: int) -> str:

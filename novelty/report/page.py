@@ -13,7 +13,7 @@ from novelty import __version__
 from novelty.environment import machine, versions
 from novelty.evaluation import LabelledScores
 from novelty.io import write_text
-from novelty.report.answer import evidence, headline, notes
+from novelty.report.answer import evidence, headline, notes, unseen
 from novelty.report.frame import AXES, Frame
 from novelty.report.rendering import render
 from novelty.report.run import Run
@@ -76,7 +76,7 @@ def _page(
         "headline": headline(result),
         "verdict": _verdict(result),
         "facts": _facts(pair, result, run),
-        "notes": notes(result),
+        "notes": [*unseen(result), *notes(result)],
         "views": _captions(result),
         "objects": objects.first(MAX_ROWS),
         "more_objects": objects.after(MAX_ROWS),

@@ -8,7 +8,7 @@ from typing import Any
 
 from novelty.environment import machine, versions
 from novelty.evaluation import LabelledScores
-from novelty.report.answer import headline, notes
+from novelty.report.answer import headline, notes, unseen
 from novelty.report.run import Run
 from novelty.result import Change, NoveltyResult, PointState
 from novelty.scan import Scan, ScanPair
@@ -29,6 +29,7 @@ def result_record(
         "p_value": result.p_value,
         "distance": result.distance,
         "status": str(result.status),
+        "unseen": unseen(result),
         "notes": notes(result),
         "added": _change(pair.current, result.added),
         "removed": _change(pair.reference, result.removed),
@@ -47,8 +48,10 @@ def _change(scan: Scan, change: Change) -> dict[str, Any]:
     return {
         "scan": scan.name,
         "points": scan.num_points,
-        "points_examined": int((change.point_states != PointState.NOT_EXAMINED).sum()),
+        "points_examined": change.num_examined,
         "points_novel": int(change.point_labels.sum()),
+        "points_occluded": change.count(PointState.OCCLUDED),
+        "points_unobserved": change.count(PointState.UNOBSERVED),
         "objects": [asdict(record) for record in change.objects],
         "components": [asdict(record) for record in change.components],
     }

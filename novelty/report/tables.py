@@ -141,13 +141,15 @@ def timing_table(timings: Mapping[str, float]) -> Table:
 
 
 def point_table(pair: ScanPair, result: NoveltyResult) -> Table:
-    """How many points were given, examined and called novel in both scans."""
+    """How many points of both scans were given, examined, called novel, and had no counterpart but were not seen."""
     columns = (Column("points", numeric=False), Column("reference"), Column("current"))
     scans = ((pair.reference, result.removed), (pair.current, result.added))
     counts: dict[str, list[int]] = {
         "given": [scan.num_points for scan, _ in scans],
-        "examined": [int((change.point_states != PointState.NOT_EXAMINED).sum()) for _, change in scans],
+        "examined": [change.num_examined for _, change in scans],
         "novel": [int(change.point_labels.sum()) for _, change in scans],
+        "occluded in the other scan": [change.count(PointState.OCCLUDED) for _, change in scans],
+        "outside the other scan": [change.count(PointState.UNOBSERVED) for _, change in scans],
     }
     details = [result.details.get(scan, {}).get("points_dropped", {}) for scan in ("reference", "current")]
     for reason in dict.fromkeys(reason for dropped in details for reason in dropped):

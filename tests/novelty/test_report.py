@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from novelty.cli.answer import show_answer
 from novelty.errors import InputError
 from novelty.evaluation import evaluate_labels
-from novelty.report import Run, headline, write_outputs, write_report
+from novelty.report import Run, headline, result_record, unseen, write_outputs, write_report
 from novelty.report.frame import Frame
 from novelty.report.tables import number, object_table
 from novelty.report.views import SIGMAS, STATES, mdl_figure, scan_figure
@@ -46,6 +47,52 @@ class TestHeadline:
     def test_does_not_claim_sameness_without_an_answer(self, case):
         failed = replace(case[1], changed=False, status=ResultStatus.FAILED)
         assert headline(failed) == "No answer"
+
+
+def unseen_case(pair, hidden, outside):
+    """A result that found no change, with so many points of the reference scan out of the current one's sight."""
+    result = make_result(pair, changed=False)
+    states = result.removed.point_states.copy()
+    states[:hidden], states[hidden : hidden + outside] = PointState.OCCLUDED, PointState.UNOBSERVED
+    return replace(result, removed=replace(result.removed, point_states=states))
+
+
+class TestUnseen:
+    @pytest.mark.parametrize(
+        ("hidden", "outside", "sentence"),
+        [
+            (0, 1320, "1 320 points of the reference scan (20 %) have no counterpart, but the current scan saw "
+             "nothing there."),
+            (660, 0, "660 points of the reference scan (10 %) have no counterpart, but the current scan saw "
+             "something in front of them."),
+            (300, 1020, "1 320 points of the reference scan (20 %) have no counterpart, but the current scan saw "
+             "nothing there (1 020) or something in front of them (300)."),
+        ],
+    )  # fmt: skip
+    def test_a_large_share_that_was_not_judged_is_told(self, case, tmp_path, hidden, outside, sentence):
+        pair, result = case[0], unseen_case(case[0], hidden, outside)
+        assert unseen(result) == [sentence]
+        assert headline(result) == "No change found where both scans saw"
+        record = result_record(pair, result, RUN, {})
+        assert record["unseen"] == [sentence]
+        assert (record["removed"]["points_occluded"], record["removed"]["points_unobserved"]) == (
+            hidden,
+            outside,
+        )
+        assert record["added"]["points_occluded"] == record["added"]["points_unobserved"] == 0
+        write_report(tmp_path / "report.html", pair, result, RUN)
+        assert sentence in (tmp_path / "report.html").read_text()
+
+    def test_a_few_points_are_not_worth_a_sentence(self, case):
+        result = unseen_case(case[0], 100, 100)
+        assert unseen(result) == []
+        assert headline(result) == "No change found"
+
+    def test_the_terminal_tells_it_under_the_headline(self, case, capsys):
+        show_answer(unseen_case(case[0], 0, 1320), "m", {})
+        first, *rest = " ".join(capsys.readouterr().out.split()).split("p-value")
+        assert first == "No change found where both scans saw "
+        assert "the current scan saw nothing there" in rest[0]
 
 
 class TestFrame:
