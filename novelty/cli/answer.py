@@ -5,18 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.table import Table
 
 from novelty.cli.scoring import cells, score_table, scored_pair
 from novelty.cli.terminal import out, plain_table
 from novelty.evaluation import LabelledScores
 from novelty.report.answer import evidence, headline, notes, unseen
+from novelty.report.tables import Row, object_table
 from novelty.report.tables import Table as ReportTable
-from novelty.report.tables import object_table
 from novelty.result import NoveltyResult
 
 MAX_ROWS = 20
 """Objects listed at most; the report lists all."""
+
+DISPENSABLE = ("score", "p-value", "centroid")
+"""Beginnings of the names of columns that a narrow terminal does without, in this order; the report has them."""
+
+UNLIMITED = 10_000
+"""Characters; wider than any table."""
 
 
 def show_answer(result: NoveltyResult, unit: str, scores: Mapping[str, LabelledScores]) -> None:
@@ -29,7 +36,7 @@ def show_answer(result: NoveltyResult, unit: str, scores: Mapping[str, LabelledS
         out.print(line, style="yellow")
     objects = object_table(result, unit)
     if objects.rows:
-        out.print(_as_rich(objects, leave_out=("components",)))
+        _show_objects(objects)
     if scores:
         table = score_table("ground truth")
         table.add_row("this pair", *cells(scored_pair("", result, scores).values))
@@ -40,17 +47,44 @@ def show_answer(result: NoveltyResult, unit: str, scores: Mapping[str, LabelledS
     out.print(f"time: {stages}", style="dim")
 
 
-def _as_rich(table: ReportTable, leave_out: tuple[str, ...]) -> Table:
-    kept = [place for place, column in enumerate(table.columns) if column.name not in leave_out]
-    shown = plain_table()
-    for place in kept:
-        column = table.columns[place]
-        wraps = column.name.startswith("centroid")  # map coordinates are long
-        shown.add_column(
-            escape(column.name), justify="right" if column.numeric else "left", no_wrap=not wraps
-        )
-    for row in table.rows[:MAX_ROWS]:
-        shown.add_row(*(escape(row.cells[place]) for place in kept))
+def _show_objects(table: ReportTable) -> None:
+    """Print the objects in the columns that the terminal has room for, or else as sentences; no number is cut."""
+    listed = table.first(MAX_ROWS).without("components")
+    choices = [listed.without(*DISPENSABLE[:count]) for count in range(len(DISPENSABLE) + 1)]
+    fitting = (shown for choice in choices if _width(shown := _as_rich(choice)) <= out.width)
+    shown = next(fitting, None)
+    if shown is not None:
+        out.print(shown)
+    else:
+        for row in listed.rows:
+            out.print(escape(_in_words(listed, row)))
     if len(table.rows) > MAX_ROWS:
-        shown.caption = f"and {len(table.rows) - MAX_ROWS} smaller ones"
+        out.print(f"and {len(table.rows) - MAX_ROWS} smaller ones", style="dim")
+
+
+def _as_rich(table: ReportTable) -> Table:
+    shown = plain_table()
+    for place, column in enumerate(table.columns):
+        wraps = column.name.startswith("centroid")  # map coordinates are long
+        widest = max(len(text) for text in (column.name, *(row.cells[place] for row in table.rows)))
+        shown.add_column(
+            escape(column.name),
+            justify="right" if column.numeric else "left",
+            no_wrap=not wraps,
+            min_width=None if wraps else widest,
+        )
+    for row in table.rows:
+        shown.add_row(*map(escape, row.cells))
     return shown
+
+
+def _width(table: Table) -> int:
+    """Characters that a table needs to be printed with no word cut."""
+    return Measurement.get(out, out.options.update(max_width=UNLIMITED), table).minimum
+
+
+def _in_words(table: ReportTable, row: Row) -> str:
+    """An object as one sentence: "added 0: extent [m] 0.45 × 0.40 × 0.02; points 1 234"."""
+    first, *others = row.cells
+    named = zip((column.name for column in table.columns[1:]), others, strict=True)
+    return f"{first}: {'; '.join(f'{name} {cell}' for name, cell in named if cell)}"

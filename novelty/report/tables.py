@@ -43,6 +43,12 @@ class Table:
         """The first rows."""
         return Table(self.columns, self.rows[:count])
 
+    def without(self, *names: str) -> Table:
+        """The table without the columns whose names begin so."""
+        kept = [place for place, column in enumerate(self.columns) if not column.name.startswith(names)]
+        rows = (Row(tuple(row.cells[place] for place in kept), row.mark) for row in self.rows)
+        return Table(tuple(self.columns[place] for place in kept), tuple(rows))
+
     def after(self, count: int) -> Table:
         """The rows after the first `count`."""
         return Table(self.columns, self.rows[count:])
