@@ -13,6 +13,11 @@ from novelty.report.sweep.runs import Factor, SweepRuns
 from novelty.report.sweep.studies import Study
 from novelty.sweep.rows import ROLES
 
+NO_SEARCH = (
+    "The order was chosen for both scans of a pair together, so neither scan has a search of its own to show."
+)
+"""What is said in the place of the paths where there are none."""
+
 
 @dataclass(frozen=True, eq=False)
 class Quartiles:

@@ -17,6 +17,7 @@ from novelty.report.sweep import figures
 from novelty.report.sweep.analysis import SweepAnalysis
 from novelty.report.sweep.comparison import COLUMNS, Comparison, compare
 from novelty.report.sweep.failures import failures, remarks
+from novelty.report.sweep.orders import NO_SEARCH
 from novelty.report.sweep.runs import SweepRuns
 from novelty.report.sweep.studies import Study, studies
 from novelty.report.sweep.tables import (
@@ -108,6 +109,7 @@ def _page(
         "studies": [_study(study, analysis.metrics) for study in analysis.scored],
         "comparison": _comparison(comparison, runs, other) if comparison and other is not None else None,
         "orders": analysis.orders,
+        "no_search": NO_SEARCH,
         "costs": cost_table(analysis.costs),
         "clock": clock(analysis),
         "ends": [

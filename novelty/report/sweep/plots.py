@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ from novelty.errors import MissingDependencyError
 from novelty.io import replacing
 from novelty.report.sweep.costs import Costs, costs
 from novelty.report.sweep.figures import STAGE_COLOURS, SYMBOLS, Style
-from novelty.report.sweep.orders import Orders, orders
+from novelty.report.sweep.orders import NO_SEARCH, Orders, orders
 from novelty.report.sweep.runs import SweepRuns
 from novelty.report.sweep.studies import Study, studies
 
@@ -133,6 +134,10 @@ def _draw_shares(axes: Axes, found: Orders, study: Study) -> None:
 
 
 def _draw_paths(axes: Axes, found: Orders, study: Study) -> None:
+    if not found.paths:
+        axes.text(0.5, 0.5, textwrap.fill(NO_SEARCH, 30), ha="center", va="center", fontsize=6)
+        axes.set_axis_off()
+        return
     for name, line in found.paths.items():
         colour = Style.of(name, study.series_names.index(name)).colour
         axes.plot(line.x, line.middle.clip(1), color=colour, linewidth=1.2)

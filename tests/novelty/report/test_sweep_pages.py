@@ -1,6 +1,7 @@
 """The files of a sweep's report: one page that needs nothing else, and tables and figures for a paper."""
 
 import csv
+import html
 import json
 import re
 import sys
@@ -19,7 +20,10 @@ from novelty.report.sweep import (
     write_sweep_plots,
 )
 from novelty.report.sweep.extremes import extremes
+from novelty.report.sweep.orders import NO_SEARCH, Orders
 from novelty.report.sweep.views import pair_views
+from novelty.sweep import SweepFolder
+from novelty.sweep.store import RowStore
 from tests.novelty.report.sweep_case import DETECTORS, make_sweep
 
 
@@ -175,6 +179,28 @@ def test_without_ground_truth_there_are_no_scores_and_the_rest_is_there(tmp_path
     write_sweep_plots(tmp_path / "figure.png", runs)
     with pytest.raises(InputError, match="no run has scores"):
         write_sweep_latex(tmp_path / "table.tex", runs)
+
+
+@pytest.mark.parametrize("searched", [True, False])
+def test_without_a_path_of_mdl_a_sentence_takes_the_place_of_its_figure(tmp_path, searched):
+    rows = make_sweep(tmp_path, k_max=(8,), detectors=DETECTORS[:1])
+    if not searched:
+        one = {f"{role}_mdl_path": [None] * 5 + [4e4] for role in ("reference", "current")}
+        RowStore(SweepFolder(tmp_path)).write([row | one | {"attempt": 2} for row in rows])
+    page = page_of(SweepRuns.read(tmp_path), tmp_path / "report.html")
+    assert ('id="plot-paths"' in page) == ("paths" in content_of(page)["plots"]) == searched
+    assert (html.escape(NO_SEARCH) in page) != searched
+
+
+def test_a_plot_without_a_path_of_mdl_says_so():
+    from matplotlib.figure import Figure
+
+    from novelty.report.sweep.plots import _draw_paths
+
+    axes = Figure().subplots()
+    _draw_paths(axes, Orders(8, {}, {}, {}), None)
+    assert " ".join(axes.texts[0].get_text().split()) == NO_SEARCH
+    assert not axes.axison
 
 
 @pytest.mark.parametrize(
