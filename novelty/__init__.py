@@ -1,6 +1,7 @@
 """What is new and what is gone between two scans of one place.
 
-The names below are resolved on first use, so that `import novelty` and the command line start at once.
+The names below and the packages in `novelty` (`novelty.io`, `novelty.sweep`, ...) are resolved on first use, so that
+`import novelty` and the command line start at once.
 """
 
 from __future__ import annotations
@@ -47,6 +48,8 @@ _HOME = {
     "update": "novelty.maps",
 }
 
+_PACKAGES = ("calibration", "evaluation", "io", "maps", "report", "simulation", "sweep")
+
 __all__ = [
     "Change",
     "ComponentRecord",
@@ -77,6 +80,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name in _PACKAGES:
+        return importlib.import_module(f"{__name__}.{name}")
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(_HOME[name]), name)
@@ -85,4 +90,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted([*__all__, *_PACKAGES])

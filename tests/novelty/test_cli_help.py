@@ -1,3 +1,4 @@
+import importlib
 import subprocess
 import sys
 
@@ -37,6 +38,27 @@ def test_help_imports_nothing_heavy():
     )
     out = subprocess.check_output([sys.executable, "-c", code], text=True)
     assert out.splitlines()[-1] == "heavy: []"
+
+
+@pytest.mark.parametrize("name", novelty._PACKAGES)
+def test_every_package_that_is_named_exists(name):
+    assert name in dir(novelty)
+    assert getattr(novelty, name) is importlib.import_module(f"novelty.{name}")
+
+
+def test_a_package_needs_no_import_of_its_own():
+    code = "import novelty\nprint(novelty.sweep.read_rows.__name__, len(novelty.sweep.COLUMNS) > 0)"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).split() == ["read_rows", "True"]
+
+
+def test_an_unknown_name_is_no_attribute():
+    with pytest.raises(AttributeError, match="swep"):
+        _ = novelty.swep
+
+
+def test_importing_novelty_imports_nothing_else():
+    code = "import sys\nimport novelty\nprint([name for name in sys.modules if name.startswith('novelty.')])"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
 
 
 def test_version(capsys):
