@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
@@ -92,7 +93,8 @@ class Processes(Executor):
     def _start(self) -> tuple[BaseProcess, Connection]:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
-        with _environment(dict.fromkeys(THREADS, str(self._threads)) | {"OMP_WAIT_POLICY": "PASSIVE"}):
+        settings = dict.fromkeys(THREADS, str(self._threads)) | {"OMP_WAIT_POLICY": "PASSIVE"}
+        with _environment(settings), _interrupt_held():
             process = context.Process(target=_work, args=(theirs, self._options), daemon=True)
             process.start()
         theirs.close()
@@ -128,6 +130,20 @@ def _reason(exit_code: int | None) -> str:
     if exit_code is not None and exit_code < 0:
         return f"the worker was ended by {signal.Signals(-exit_code).name}"
     return f"the worker ended with exit code {exit_code}"
+
+
+@contextmanager
+def _interrupt_held() -> Iterator[None]:
+    """Hold Ctrl-C back from the processes that are started meanwhile, through their imports; here it comes later."""
+    if sys.platform == "win32":
+        yield
+        return
+    resource_tracker.ensure_running()  # its start would let Ctrl-C through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
