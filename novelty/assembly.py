@@ -22,6 +22,9 @@ from novelty.result import Change, ComponentRecord, NoveltyResult, PointState, R
 from novelty.scan import Scan, ScanPair
 from novelty.segment import SegmentedPoints
 
+MOSTLY_CHANGED = 0.5
+"""Share of the examined points of a scan above which its change is doubted."""
+
 
 @dataclass(frozen=True, eq=False)
 class PairOutcome:
@@ -121,6 +124,10 @@ def _pair_result(
         *filter(None, [outcome.registrations.note(row)]),
         *comparison.notes[row],
         *outcome.notes[row],
+        *filter(
+            None,
+            [_doubt(role, change) for role, change in zip(("current", "reference"), changes, strict=True)],
+        ),
     ]
     return NoveltyResult(
         name=pair.name,
@@ -134,6 +141,17 @@ def _pair_result(
         removed=changes[1],
         registration=_registration_record(row, outcome.registrations),
         details={"reference": _details(row, removed), "current": _details(row, added)},
+    )
+
+
+def _doubt(role: str, change: Change) -> str:
+    """What is to be checked where most of a scan has changed: that is rarely what happened to a place."""
+    share = change.point_labels.sum() / max(change.num_examined, 1)
+    if share <= MOSTLY_CHANGED:
+        return ""
+    return (
+        f"{share:.0%} of the {role} scan have no counterpart: make sure that both scans show one place and are in one "
+        "frame and unit."
     )
 
 

@@ -51,10 +51,10 @@ def _show_objects(table: ReportTable) -> None:
     """Print the objects in the columns that the terminal has room for, or else as sentences; no number is cut."""
     listed = table.first(MAX_ROWS).without("components")
     choices = [listed.without(*DISPENSABLE[:count]) for count in range(len(DISPENSABLE) + 1)]
-    fitting = (shown for choice in choices if _width(shown := _as_rich(choice)) <= out.width)
-    shown = next(fitting, None)
-    if shown is not None:
-        out.print(shown)
+    fitting = (shown for shown in map(_as_rich, choices) if _width(shown) <= out.width)
+    widest = next(fitting, None)
+    if widest is not None:
+        out.print(widest)
     else:
         for row in listed.rows:
             out.print(escape(_in_words(listed, row)))

@@ -312,3 +312,10 @@ def test_a_batch_equals_its_pairs_one_by_one_on_real_scans(data_dir):
     pairs = [entry.load() for entry in entries]
     for pair, result in zip(pairs, novelty.detect_many(pairs), strict=True):
         assert_same(result, novelty.detect(pair))
+
+
+def test_it_is_said_when_most_of_a_scan_has_changed(room, of_room):
+    aside = Scan(room.current.points + np.array([40.0, 0.0, 0.0]), name="aside")
+    result = novelty.detect(ScanPair(Scan(room.reference.points), aside))
+    assert "100% of the current scan have no counterpart: make sure" in result.message
+    assert "have no counterpart" not in of_room.message
