@@ -181,7 +181,8 @@ def _set_dotted(mapping: dict[str, Any], dotted: str, value: Any) -> None:
     for parent in parents:
         inner = mapping.get(parent)
         if not isinstance(inner, dict):
-            raise ConfigError(f"unknown configuration key {dotted!r}{_nearest(parent, list(mapping))}")
+            advice = _elsewhere(leaf) or _nearest(parent, list(mapping))
+            raise ConfigError(f"unknown configuration key {dotted!r}{advice}")
         mapping = inner
     mapping[leaf] = value
 
@@ -195,8 +196,33 @@ def _explain(error: ValidationError) -> str:
 def _explain_one(location: tuple[Any, ...], kind: str, message: str, given: Any) -> str:
     key = ".".join(str(part) for part in location)
     if kind == "unexpected_keyword_argument":
-        return f"unknown configuration key {key!r}{_nearest(str(location[-1]), _siblings(location[:-1]))}"
-    return f"configuration key {key!r}: {message.removeprefix('Value error, ')} (got {given!r})"
+        return f"unknown configuration key {key!r}{_nearest_key(location)}"
+    message = message.removeprefix("Value error, ")
+    told = isinstance(given, str) and repr(given) in message
+    return f"configuration key {key!r}: {message}{'' if told else f' (got {given!r})'}"
+
+
+def _nearest_key(location: tuple[Any, ...]) -> str:
+    """The keys of that name in other sections, or else the key of the same section whose name is most like it."""
+    *parents, name = location
+    return _elsewhere(name) or _nearest(
+        name, _siblings(tuple(parents)), "".join(f"{part}." for part in parents)
+    )
+
+
+def _elsewhere(name: str) -> str:
+    """The keys whose last part is this; empty where there are none."""
+    keys = [key for key in _dotted_keys() if key.split(".")[-1] == name]
+    return f"; did you mean {' or '.join(map(repr, keys))}?" if keys else ""
+
+
+def _dotted_keys() -> list[str]:
+    """Every key of the configuration as `replace` takes it."""
+    keys = []
+    for name, info in section_fields(Config).items():
+        inner = getattr(info.annotation, "__pydantic_fields__", None)
+        keys += [name] if inner is None else [f"{name}.{key}" for key in inner]
+    return keys
 
 
 def _siblings(location: tuple[Any, ...]) -> list[str]:
@@ -206,6 +232,6 @@ def _siblings(location: tuple[Any, ...]) -> list[str]:
     return list(section_fields(cls))
 
 
-def _nearest(name: str, known: list[str]) -> str:
+def _nearest(name: str, known: list[str], prefix: str = "") -> str:
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}"
+    return f"; did you mean {prefix + close[0]!r}?" if close else f"; known: {', '.join(known)}"

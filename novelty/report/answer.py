@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 from novelty.report.tables import thousands
 from novelty.result import Change, NoveltyResult, PointState, ResultStatus
+
+ADVICE = {"raise min_std": "raise fit.min_std", "; raise max_iterations": ""}
+"""Advice of the engine, and what it is in terms of the configuration, which has no key for the iterations."""
+
+BOTH = "both scans: "
 
 LARGE_SHARE = 0.05
 """Share of a scan's examined points from which on it is said that they could not be judged."""
@@ -50,7 +56,21 @@ def unseen(result: NoveltyResult) -> list[str]:
 
 def notes(result: NoveltyResult) -> list[str]:
     """What a reader must know beside the answer, one sentence or list of them per line."""
-    return [line.strip() for line in result.message.splitlines() if line.strip()]
+    return note_lines(result.message)
+
+
+def note_lines(message: str) -> list[str]:
+    """The notes in `NoveltyResult.message`, what holds for both scans once, keys as the configuration has them."""
+    lines = [line.strip() for line in message.splitlines() if line.strip()]
+    for advice, here in ADVICE.items():
+        lines = [line.replace(advice, here) for line in lines]
+    said = set(lines)
+    for first, second in itertools.permutations(("reference scan: ", "current scan: ")):
+        lines = [
+            BOTH + note if (note := line.removeprefix(first)) != line and second + note in said else line
+            for line in lines
+        ]
+    return list(dict.fromkeys(lines))
 
 
 def _unseen(scan: str, other: str, change: Change) -> str:

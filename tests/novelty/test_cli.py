@@ -74,7 +74,7 @@ class TestDetect:
         ("arguments", "message"),
         [
             (("before.ply", "aftr.ply"), "Did you mean 'after.ply'?"),
-            (("before.ply", "after.ply", "--set", "fit.n_inti=3"), "did you mean 'n_init'?"),
+            (("before.ply", "after.ply", "--set", "fit.n_inti=3"), "did you mean 'fit.n_init'?"),
             (("before.ply", "after.ply", "--set", "seed"), "KEY=VALUE"),
             (("before.ply", "after.ply", "--detector", "likelyhood"), "did you mean 'likelihood'?"),
             (("before.ply", "after.ply", "--unit", "furlong"), "furlong"),

@@ -1,6 +1,7 @@
 """The configuration: what it refuses, and the file that documents it."""
 
 import itertools
+import re
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,36 @@ def test_replace_changes_nested_keys_and_nothing_else():
 def test_replace_refuses_unknown_keys(key):
     with pytest.raises(ConfigError, match="unknown configuration key"):
         Config().replace(**{key: 1})
+
+
+@pytest.mark.parametrize(
+    ("key", "advice"),
+    [
+        ("min_std", "did you mean 'fit.min_std'?"),
+        ("preprocess.min_std", "did you mean 'fit.min_std'?"),
+        ("fits.min_std", "did you mean 'fit.min_std'?"),
+        ("method", "did you mean 'registration.method' or 'refine.method' or 'visibility.method'?"),
+        ("fit.n_inti", "did you mean 'fit.n_init'?"),
+        ("max_component", "did you mean 'max_components'?"),
+        ("fit.zzz", "known: moments, "),
+    ],
+)
+def test_an_unknown_key_is_told_the_key_as_it_must_be_written(key, advice):
+    with pytest.raises(ConfigError, match=re.escape(f"unknown configuration key {key!r}; {advice}")):
+        Config().replace(**{key: 1})
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("detector", "likelyhood", "unknown detector 'likelyhood'; did you mean 'likelihood'?"),
+        ("fit.n_init", 0, "Input should be greater than or equal to 1 (got 0)"),
+        ("unit", "parsec", "Input should be 'm', 'cm', 'mm', 'in' or 'ft' (got 'parsec')"),
+    ],
+)
+def test_a_value_that_is_not_valid_is_said_once(key, value, message):
+    with pytest.raises(ConfigError, match=re.escape(f"configuration key {key!r}: {message}") + "$"):
+        Config().replace(**{key: value})
 
 
 @pytest.mark.parametrize("text", ["- a\n- b\n", "a: [1", "just words"])

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gmmtorch import Status
+from novelty import Config
 from novelty.cli.answer import show_answer
 from novelty.errors import InputError
 from novelty.evaluation import evaluate_labels
-from novelty.report import Run, headline, result_record, unseen, write_outputs, write_report
+from novelty.report import Run, headline, notes, result_record, unseen, write_outputs, write_report
 from novelty.report.frame import Frame
 from novelty.report.tables import number, object_table
 from novelty.report.views import SIGMAS, STATES, mdl_figure, scan_figure
@@ -93,6 +95,27 @@ class TestUnseen:
         first, *rest = " ".join(capsys.readouterr().out.split()).split("p-value")
         assert first == "No change found where both scans saw "
         assert "the current scan saw nothing there" in rest[0]
+
+
+class TestNotes:
+    def test_what_holds_for_both_scans_is_said_once(self, case):
+        message = (
+            "reference scan: it is small\n  reference scan: it is odd\n\ncurrent scan: it is old\n"
+            "current scan: it is small\nvisibility: none"
+        )
+        assert notes(replace(case[1], message=message)) == [
+            "both scans: it is small",
+            "reference scan: it is odd",
+            "current scan: it is old",
+            "visibility: none",
+        ]
+
+    @pytest.mark.parametrize("status", [Status.FLOOR_REACHED, Status.NOT_CONVERGED])
+    def test_advice_names_keys_that_there_are(self, case, status):
+        (note,) = notes(replace(case[1], message=f"current scan: {status.advice}"))
+        for key in re.findall(r"raise ([\w.]+)", note):
+            assert Config().replace(**{key: 1.0}) != Config()
+        assert ("fit.min_std" in note) == (status is Status.FLOOR_REACHED)
 
 
 class TestFrame:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from novelty.report.answer import note_lines
 from novelty.report.sweep.runs import SweepRuns
 
 
@@ -55,7 +56,8 @@ def _reasons(runs: SweepRuns, rows: NDArray[np.int64]) -> list[Reason]:
     found = []
     for (status, _), members in groups.items():
         pairs = tuple(dict.fromkeys(names[members]))
-        found.append(Reason(status, messages[members[0]], len(members), pairs[:SHOWN_PAIRS], len(pairs)))
+        told = "\n".join(note_lines(messages[members[0]]))
+        found.append(Reason(status, told, len(members), pairs[:SHOWN_PAIRS], len(pairs)))
     return sorted(found, key=lambda reason: -reason.num_runs)
 
 
