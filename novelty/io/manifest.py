@@ -17,12 +17,15 @@ import numpy as np
 
 from novelty.errors import InputError, NoveltyError
 from novelty.io.pair_entry import PairEntry
-from novelty.io.reading import is_scan
+from novelty.io.reading import has_scan_extension, is_scan
 from novelty.io.sequence import read_sequence
 from novelty.scan import ScanPair
 
 REQUIRED_COLUMNS = ("name", "reference", "current")
 OPTIONAL_COLUMNS = ("reference_origin", "current_origin", "unit", "poses")
+TEXT = (".csv", ".txt")
+"""Extensions of scans that a manifest may have."""
+
 COLUMNS = REQUIRED_COLUMNS + OPTIONAL_COLUMNS
 
 
@@ -77,6 +80,9 @@ def read_entries(path: str | Path) -> list[PairEntry | FailedPair]:
     path = Path(path)
     if path.is_dir():
         return list(read_sequence(path))
+    if is_scan(path) and has_scan_extension(path) and path.suffix.lower() not in TEXT:
+        wanted = ", ".join(REQUIRED_COLUMNS)
+        raise InputError(f"{path}: expected a manifest, a CSV file with the columns {wanted}; found a scan.")
     rows = _read_rows(path)
     if not rows:
         raise InputError(

@@ -82,6 +82,11 @@ def read_scan(
     return scan if origin is None else Scan(scan.points, origin, scan.labels, scan.name)
 
 
+def has_scan_extension(path: str | Path) -> bool:
+    """Whether a file is of a format that `read_scan` reads."""
+    return ScanAddress.parse(path).file.suffix.lower() in {*READERS, *PART_READERS}
+
+
 def is_scan(path: str | Path) -> bool:
     """Whether there is a file, or the folder of a ROS 2 bag, at a scan's address."""
     file = ScanAddress.parse(path).file
@@ -98,6 +103,10 @@ def _find_reader(address: ScanAddress) -> Callable[[Path], Scan]:
     if file.is_dir() or extension in PART_READERS:
         read_part = read_rosbag if file.is_dir() else PART_READERS[extension]
         return lambda path: read_part(path, address.part)
+    if extension == ".safetensors":
+        raise InputError(
+            f"{file}: expected a scan, found a map; a map comes first: `novelty detect MAP CUR`."
+        )
     if extension not in READERS:
         known = [*READERS, *PART_READERS]
         raise InputError(

@@ -115,9 +115,19 @@ def _find_layout(path: Path) -> _Layout:
         fields = _split(text.lstrip("#/% "), delimiter)
         if {"x", "y", "z"} <= {field.lower() for field in fields}:
             names = tuple(field.lower() for field in fields)
+        elif _names_columns(fields) and not text.startswith(COMMENT_MARKS):
+            found = ", ".join(fields)
+            raise InputError(
+                f"{path}, line {number}: expected names of columns with x, y and z among them, found {found}."
+            )
         elif not text.startswith(COMMENT_MARKS):
             return _Layout(number, delimiter, names)
     raise no_points(path)
+
+
+def _names_columns(fields: list[str]) -> bool:
+    """Whether a line is as long as a point and holds no number."""
+    return len(fields) >= 3 and not any(map(_is_number, fields))
 
 
 def _describe_damage(rows: Iterable[tuple[int, list[str]]]) -> str | None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from novelty import __version__
 from novelty.errors import InputError
 from novelty.io.atomic import replacing
+from novelty.io.reading import has_scan_extension
 
 KIND = "novelty.SceneMap"
 SUFFIX = ".safetensors"
@@ -62,6 +63,9 @@ def load_arrays(path: str | Path) -> tuple[Arrays, dict[str, Any]]:
             metadata = file.metadata() or {}
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dict)
     except (OSError, safetensors.SafetensorError) as error:
+        if has_scan_extension(path):
+            advice = f"`novelty fit {path} --out MAP{SUFFIX}` makes a map of it"
+            raise InputError(f"{path}: expected a map, found a scan; {advice}.") from None
         raise InputError(f"{path}: the map is damaged or is no map ({error}). Copy it again.") from None
     if metadata.get("kind") != KIND:
         found = metadata.get("kind", "something unnamed")

@@ -183,6 +183,9 @@ def load_sweep(file: str | Path, assignments: Sequence[str] = ()) -> Sweep:
         ConfigError: The file is missing or is not YAML, or a key or a value is not valid.
     """
     path = _folder() / f"{file}.yaml" if str(file) in sweep_names() else Path(file)
+    if path.suffix not in (".yaml", ".yml") and not path.exists():
+        known = ", ".join(sweep_names())
+        raise ConfigError(f"There is no sweep {str(file)!r}; choose one of {known}, or name a YAML file.")
     mapping = _with_paths(read_yaml_mapping(path), path.resolve().parent)
     changes: dict[str, Any] = {}
     for assignment in assignments:

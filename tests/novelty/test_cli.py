@@ -167,7 +167,7 @@ class TestEvaluate:
         ("arguments", "message"),
         [
             (("no.csv",), "no such manifest"),
-            (("before.ply",), ""),
+            (("before.ply",), "with the columns name, reference, current; found a scan"),
             (("pairs.csv", "--out", "rows.txt"), ".csv or .json"),
             (("pairs.csv", "--out", "pairs.csv"), "overwrite"),
         ],

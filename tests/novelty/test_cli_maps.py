@@ -119,7 +119,11 @@ def test_update_replaces_the_map_and_says_what_it_cannot_know(run, map_file):
         (("detect", "MAP", "after.ply", "--reference-origin", "0 0 0"), "a map, which knows"),
         (("detect", "MAP", "after.ply", "--set", "preprocess.outlier_neighbors=9"), "a map brings the"),
         (("detect", "none.safetensors", "after.ply"), "no such map"),
-        (("update", "before.ply", "after.ply"), "is no map"),
+        (
+            ("update", "before.ply", "after.ply"),
+            "found a scan; `novelty fit before.ply --out MAP.safetensors`",
+        ),
+        (("detect", "after.ply", "MAP"), "a map comes first: `novelty detect MAP CUR`"),
         (("update", "MAP", "aftr.ply"), "Did you mean 'after.ply'?"),
         (("fit", "before.ply"), "--out"),
         (("fit", "bfore.ply", "--out", "x.safetensors"), "Did you mean 'before.ply'?"),

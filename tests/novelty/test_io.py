@@ -242,6 +242,12 @@ def test_a_label_that_means_something_else_is_not_taken_for_ground_truth(tmp_pat
         ("a.xyz", b"# by hand\n1 2 3\n\n4 5\n", "line 4: expected 3 columns as above, found 2"),
         ("a.xyz", b"1 2\n3 4\n", "line 1: expected at least 3 columns"),
         ("a.xyz", b"hello world\n", "line 1: expected numbers, found 'hello'"),
+        (
+            "a.csv",
+            b"# survey\nX [m],Y,Z,label\n1,2,3,0\n",
+            r"line 2: .* x, y and z .*, found X \[m\], Y, Z, label\.",
+        ),
+        ("a.txt", b"east north up\n1 2 3\n", "line 1: .* x, y and z .*, found east, north, up"),
         ("a.xyz", b"1,5 2,5 3,5\n", "line 1: expected numbers, found '5 2'"),
         ("a.xyz", b"\xff\xfe\x00\x80binary", "expected a text file, found binary data"),
         ("a.xyz", b"# nothing but a comment\n", "contains no points"),

@@ -47,7 +47,7 @@ def test_assignments_change_the_file(small_file):
         ("repetitons=2", r"unknown key 'repetitons'.*'repetitions'"),
         ("data.rooms.sed=2", r"unknown key 'data.rooms.sed'.*'seed'"),
         ("grid.max_component=[8]", r"unknown configuration key 'max_component'.*'max_components'"),
-        ("grid.fit.n_ini=[8]", r"unknown configuration key 'fit.n_ini'.*'n_init'"),
+        ("grid.fit.n_ini=[8]", r"unknown configuration key 'fit.n_ini'.*'fit.n_init'"),
         ("configuration.detector=likelyhood", r"unknown detector 'likelyhood'.*'likelihood'"),
         ("metrics=[kapa]", r"unknown metric 'kapa'.*'kappa'"),
         ("data.more.setup.scen=room", r"data.more.*'scen'"),
@@ -63,6 +63,14 @@ def test_mistakes_are_named_with_the_nearest_valid_name(small_file, assignment, 
 
     with pytest.raises(ConfigError, match=f"(?s){message}"):
         used()
+
+
+@pytest.mark.parametrize("name", ["nokmax", "k_max", "runs/kmax"])
+def test_a_sweep_that_is_not_there_is_told_those_that_are(name):
+    with pytest.raises(
+        ConfigError, match=rf"no sweep '{name}'; choose one of {', '.join(sweep_names())}, or"
+    ):
+        load_sweep(name)
 
 
 def test_lists_of_a_zip_have_one_length():
