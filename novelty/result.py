@@ -59,6 +59,12 @@ class ComponentRecord:
     distance: float
     reason: str
 
+    def __repr__(self) -> str:
+        """In one line, without covariance."""
+        return _short(
+            self, index=self.index, novel=self.novel, num_points=self.num_points, mean=_rounded(self.mean)
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class ObjectRecord:
@@ -96,6 +102,11 @@ class ObjectRecord:
     counterpart: int = -1
     motion: NDArray[np.float64] | None = None
 
+    def __repr__(self) -> str:
+        """In one line, without rotation and motion."""
+        where = {"centroid": _rounded(self.centroid), "extent": _rounded(self.extent)}
+        return _short(self, index=self.index, kind=self.kind, num_points=self.num_points, **where)
+
 
 @dataclass(frozen=True, eq=False)
 class Change:
@@ -125,6 +136,18 @@ class Change:
     point_objects: NDArray[np.int64]
     components: tuple[ComponentRecord, ...]
     objects: tuple[ObjectRecord, ...]
+
+    def __repr__(self) -> str:
+        """In one line: how many points, components and objects, without the arrays."""
+        return _short(
+            self,
+            points=len(self.point_states),
+            novel=int(self.point_labels.sum()),
+            occluded=self.count(PointState.OCCLUDED),
+            unobserved=self.count(PointState.UNOBSERVED),
+            components=len(self.components),
+            objects=len(self.objects),
+        )
 
     @property
     def num_examined(self) -> int:
@@ -180,3 +203,16 @@ class NoveltyResult:
     removed: Change
     registration: dict[str, Any] | None = None
     details: dict[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """In one line: the answer and how much changed."""
+        answer = {"changed": self.changed, "p_value": self.p_value, "status": str(self.status)}
+        return _short(self, name=self.name, **answer, added=self.added, removed=self.removed)
+
+
+def _short(record: object, **shown: Any) -> str:
+    return f"{type(record).__name__}({', '.join(f'{name}={value!r}' for name, value in shown.items())})"
+
+
+def _rounded(values: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(np.round(values, 3).tolist())
