@@ -37,9 +37,10 @@ def show_answer(result: NoveltyResult, unit: str, scores: Mapping[str, LabelledS
     objects = object_table(result, unit)
     if objects.rows:
         _show_objects(objects)
-    if scores:
+    scored = scored_pair("", result, scores)
+    if scored.any_defined:
         table = score_table("ground truth")
-        table.add_row("this pair", *cells(scored_pair("", result, scores).values))
+        table.add_row("this pair", *cells(scored.values))
         out.print(table)
     for note in notes(result):
         out.print(f"[yellow]note:[/] {escape(note)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -161,7 +162,9 @@ def _show(rows: Sequence[ScoredPair], detector: str) -> None:
 
     table = score_table(detector)
     for row in rows:
-        table.add_row(escape(row.name), *(["[red]failed[/]"] if row.failure else cells(row.values)))
+        # The pairs are computed together: only their mean time is known.
+        values = {**row.values, "seconds": math.nan} if len(rows) > 1 else row.values
+        table.add_row(escape(row.name), *(["[red]failed[/]"] if row.failure else cells(values)))
     scored = [row for row in rows if not row.failure]
     if scored:
         table.add_section()

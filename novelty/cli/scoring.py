@@ -46,6 +46,11 @@ class ScoredPair:
     values: Mapping[str, float]
     failure: str = ""
 
+    @property
+    def any_defined(self) -> bool:
+        """Whether there is any score; where nothing changed and nothing was called novel there may be none."""
+        return any(not math.isnan(value) for key, value in self.values.items() if key != "seconds")
+
 
 def score_result(pair: ScanPair, result: NoveltyResult) -> dict[str, LabelledScores]:
     """Agreement with the ground truth for `added` and `removed`, for the scans that have labels."""

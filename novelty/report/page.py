@@ -11,7 +11,7 @@ import yaml
 
 from novelty import __version__
 from novelty.environment import machine, versions
-from novelty.evaluation import LabelledScores
+from novelty.evaluation import METRICS, LabelledScores
 from novelty.io import write_text
 from novelty.report.answer import evidence, headline, notes, unseen
 from novelty.report.frame import AXES, Frame
@@ -80,7 +80,7 @@ def _page(
         "views": _captions(result),
         "objects": objects.first(MAX_ROWS),
         "more_objects": objects.after(MAX_ROWS),
-        "scores": score_table(scores),
+        "scores": score_table(scores) if _any_defined(scores) else None,
         "has_mdl": has_mdl,
         "components": _component_tables(result, run.unit),
         "timings": timing_table(result.timings),
@@ -90,6 +90,12 @@ def _page(
         "versions": version_table({**versions(), **machine()}),
         "version": __version__,
     }
+
+
+def _any_defined(scores: Mapping[str, LabelledScores]) -> bool:
+    values = [getattr(labelled.scores, metric.name) for labelled in scores.values() for metric in METRICS]
+    values += [labelled.seen_once_called_novel for labelled in scores.values()]
+    return not all(map(math.isnan, values))
 
 
 def _verdict(result: NoveltyResult) -> str:

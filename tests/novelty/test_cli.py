@@ -163,6 +163,21 @@ class TestEvaluate:
             kappas.append([row["kappa"] for row in rows])
         assert kappas[0] == pytest.approx(kappas[1], abs=1e-9)
 
+    def test_the_time_of_a_batch_stands_once(self, run, folder):
+        (folder / "two.csv").write_text(
+            "name,reference,current\na,before.ply,before.ply\nb,before.ply,after.ply\n"
+        )
+        _, out, _ = run("evaluate", "two.csv", *QUICK)
+        last = {
+            first: more[-1]
+            for line in out.splitlines()
+            if line.strip()
+            for first, *more in [line.split()]
+            if more
+        }
+        assert last["a"] == last["b"] == "–"
+        assert float(last["mean"]) > 0
+
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [

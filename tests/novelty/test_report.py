@@ -15,6 +15,7 @@ from novelty.report.frame import Frame
 from novelty.report.tables import number, object_table
 from novelty.report.views import SIGMAS, STATES, mdl_figure, scan_figure
 from novelty.result import PointState, ResultStatus
+from novelty.scan import AMBIGUOUS, Scan
 from tests.novelty.report_case import SETTINGS, make_pair, make_result, unpack
 
 RUN = Run(SETTINGS, "novelty detect before.ply after.ply --out out")
@@ -264,6 +265,17 @@ class TestWriteReport:
         content = figures_of(path)
         assert set(content["figures"]) == {"added", "removed", "mdl"}
         json.dumps(content, allow_nan=False)
+
+    def test_scores_of_which_none_is_defined_are_no_table(self, case, tmp_path, capsys):
+        labels = np.full(case[0].current.num_points, AMBIGUOUS)
+        pair = replace(case[0], current=Scan(case[0].current.points, labels=labels))
+        scores = {"added": evaluate_labels(labels, case[1].added.point_labels)}
+        write_report(tmp_path / "report.html", pair, case[1], RUN, scores)
+        assert "ground truth</h2>" not in (tmp_path / "report.html").read_text()
+        show_answer(case[1], "m", scores)
+        assert "ground truth" not in capsys.readouterr().out
+        show_answer(case[1], "m", scores_of(*case))
+        assert "ground truth" in capsys.readouterr().out
 
     def test_without_change_scores_or_path(self, case, tmp_path):
         pair = make_pair(labels=False)
