@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from novelty.io import FailedPair, PairEntry
 
 
+NOTHING_GAINED = "Nothing gained: these are the settings as they were given. "
+
+
 def calibrate(
     pairs: Annotated[
         Path, typer.Argument(metavar="PAIRS.csv", help="Manifest of pairs whose scans carry labels.")
@@ -47,7 +50,10 @@ def calibrate(
     max_components: MaxComponents = None,
     seed: Seed = None,
 ) -> None:
-    """Choose a detector's parameters on labelled pairs."""
+    """Choose a detector's parameters on labelled pairs.
+
+    Where they gain nothing on held-out pairs, the settings are written as they were given.
+    """
     with working("Starting"):
         from novelty.calibration import calibrate as choose
         from novelty.config_yaml import changed_yaml
@@ -71,13 +77,10 @@ def calibrate(
     with working("Comparing"):
         found = choose(fitted, settings, folds)
     _show(found, settings)
+    kept = settings.replace(**found.settings) if found.gained else settings
+    write_text(out_file, changed_yaml(kept, _header(found, settings)))
     if not found.gained:
-        out.print(
-            f"[yellow]Nothing gained: the settings stay as given, {escape(str(out_file))} is not written.[/]"
-        )
-        return
-    text = changed_yaml(settings.replace(**found.settings), _header(found, settings))
-    write_text(out_file, text)
+        out.print("[yellow]Nothing gained: the settings stay as given.[/]")
     out.print(f"Settings: {escape(str(out_file))}", soft_wrap=True)
 
 
@@ -138,5 +141,5 @@ def _header(found: Calibration, config: Config) -> str:
         f"# Written by `{command_line()}`.\n"
         f"# {config.detector} on {len(found.names)} pairs, {found.folds.max() + 1} folds: mean kappa of held-out pairs "
         f"{_mean(found.before):.3f} before, {_mean(found.after):.3f} after.\n"
-        f"# Gain {_gain(found)}. Keys that are not here keep their defaults.\n"
+        f"# Gain {_gain(found)}. {'' if found.gained else NOTHING_GAINED}Keys that are not here keep their defaults.\n"
     )

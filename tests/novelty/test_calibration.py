@@ -264,13 +264,18 @@ def test_command_writes_a_configuration_that_can_be_read(tmp_path, pairs, capsys
     target = calibrated(tmp_path, pairs[:2], *bad)
     assert Config.from_yaml(target).nearest_neighbour.distance < 5
     assert Config.from_yaml(target).max_components == 12
+    assert "as they were given" not in target.read_text()
     assert "Gain on held-out pairs: +" in capsys.readouterr().out
 
 
 def test_command_keeps_the_given_settings_where_nothing_is_gained(tmp_path, pairs, capsys):
     target = calibrated(tmp_path, pairs[:2], "detector=structural_matching", "max_components=12")
-    assert not target.exists()
-    assert "the settings stay as given" in " ".join(capsys.readouterr().out.split())
+    given = Config().replace(detector="structural_matching", max_components=12)
+    assert Config.from_yaml(target) == given
+    assert "Nothing gained: these are the settings as they were given." in target.read_text()
+    told = " ".join(capsys.readouterr().out.split())
+    assert "the settings stay as given" in told
+    assert str(target) in told
 
 
 def test_command_names_the_line_of_an_unlabelled_pair(tmp_path, pairs, capsys):
