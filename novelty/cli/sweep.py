@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -141,7 +141,7 @@ def _show_plan(plan: Plan) -> None:
         ("settings", f"{len(plan.settings)}"),
         ("runs", f"{plan.num_runs}"),
         ("batches", f"{len(batches)}"),
-        ("runs per batch", f"{min(runs, default=0)} to {max(runs, default=0)}"),
+        ("runs per batch", _range(runs)),
         ("batches at once", f"{plan.seats}"),
         ("time, about", _duration(plan.seconds)),
         ("memory, about", f"{plan.memory / 1e9:.1f} GB"),
@@ -157,19 +157,32 @@ def _show_summary(summary: Summary, folder: Path) -> None:
             f"[yellow]damaged:[/] {escape(str(shard))} was set aside; its runs were computed again.",
             soft_wrap=True,
         )
+    earlier = f"{summary.finished_before} {'was' if summary.finished_before == 1 else 'were'}"
     out.print(
-        f"{summary.computed} runs in {_duration(summary.seconds)}, {summary.failed} of them failed; "
-        f"{summary.finished_before} were done before. Rows: {escape(str(folder / 'rows'))}",
+        f"{_runs(summary.computed)} in {_duration(summary.seconds)}, {summary.failed} of them failed; "
+        f"{earlier} done before. Rows: {escape(str(folder / 'rows'))}",
         soft_wrap=True,
     )
     if summary.failed or summary.failed_before:
         err.print(
-            f"{summary.failed + summary.failed_before} runs have no answer; the column `message` says why. "
-            "--retry-failed tries them again.",
+            f"{_runs(summary.failed + summary.failed_before, 'has', 'have')} no answer; the column `message` says why. "
+            "--retry-failed tries again.",
             soft_wrap=True,
         )
     if summary.left:
-        err.print(f"{summary.left} runs are left. To continue: {escape(command_line())}", soft_wrap=True)
+        err.print(
+            f"{_runs(summary.left, 'is', 'are')} left. To continue: {escape(command_line())}", soft_wrap=True
+        )
+
+
+def _range(counts: Sequence[int]) -> str:
+    least, most = min(counts, default=0), max(counts, default=0)
+    return f"{least}" if least == most else f"{least} to {most}"
+
+
+def _runs(count: int, one: str = "", many: str = "") -> str:
+    """Runs and what they do, in the right number: "1 run has", "2 runs have"."""
+    return f"1 run {one}".strip() if count == 1 else f"{count} runs {many}".strip()
 
 
 def _duration(seconds: float) -> str:
