@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 
-from novelty.report.tables import thousands
+from novelty.report.tables import probability, thousands
 from novelty.result import Change, NoveltyResult, PointState, ResultStatus
 
 ADVICE = {"raise min_std": "raise fit.min_std", "; raise max_iterations": ""}
@@ -42,7 +42,7 @@ def evidence(result: NoveltyResult) -> str:
     """How strong the evidence is, for detectors that can tell; empty for the others."""
     parts = []
     if not math.isnan(result.p_value):
-        parts.append(f"p-value {_p_value(result.p_value)}")
+        parts.append(f"p-value {probability(result.p_value)}")
     if not math.isnan(result.distance):
         parts.append(f"distance between the mixtures {result.distance:.3g}")
     return ", ".join(parts)
@@ -90,7 +90,3 @@ def _unseen(scan: str, other: str, change: Change) -> str:
 
 def _objects(count: int) -> str:
     return f"{count} object" if count == 1 else f"{count} objects"
-
-
-def _p_value(value: float) -> str:
-    return "< 1e-16" if value < 1e-16 else f"{value:.2g}"

@@ -78,7 +78,7 @@ def object_table(result: NoveltyResult, unit: str) -> Table:
             _way(record, result.removed.objects, unit),
             thousands(record.num_points),
             number(record.score),
-            number(record.p_value),
+            probability(record.p_value),
             ", ".join(str(k) for k in record.components),
         )
         kept = [cell for cell, wanted in zip(cells, shown, strict=True) if wanted]
@@ -130,8 +130,12 @@ def component_table(change: Change, unit: str) -> Table:
 def score_table(scores: Mapping[str, LabelledScores]) -> Table:
     """One row per direction, one column per metric."""
     columns = (Column("", numeric=False), *(Column(metric.name.replace("_", " ")) for metric in METRICS))
+    written = {metric.name: probability if metric.name == "p_value" else number for metric in METRICS}
     rows = [
-        Row((direction, *(number(getattr(labelled.scores, metric.name)) for metric in METRICS)), direction)
+        Row(
+            (direction, *(write(getattr(labelled.scores, name)) for name, write in written.items())),
+            direction,
+        )
         for direction, labelled in scores.items()
     ]
     seen_once = [number(labelled.seen_once_called_novel) for labelled in scores.values()]
@@ -178,6 +182,13 @@ def number(value: float) -> str:
     if value == 0:
         return "0"
     return f"{value:.3f}" if 0.001 <= abs(value) < 10 else f"{value:.3g}"
+
+
+def probability(value: float) -> str:
+    """Two significant digits, never 0; a dash for NaN."""
+    if math.isnan(value):
+        return "–"
+    return "< 1e-16" if value < 1e-16 else f"{value:.2g}"
 
 
 def thousands(value: int) -> str:

@@ -10,9 +10,9 @@ from novelty import Config
 from novelty.cli.answer import show_answer
 from novelty.errors import InputError
 from novelty.evaluation import evaluate_labels
-from novelty.report import Run, headline, notes, result_record, unseen, write_outputs, write_report
+from novelty.report import Run, evidence, headline, notes, result_record, unseen, write_outputs, write_report
 from novelty.report.frame import Frame
-from novelty.report.tables import number, object_table
+from novelty.report.tables import number, object_table, probability, score_table
 from novelty.report.views import SIGMAS, STATES, mdl_figure, scan_figure
 from novelty.result import PointState, ResultStatus
 from novelty.scan import AMBIGUOUS, Scan
@@ -235,6 +235,29 @@ def test_object_table_has_a_p_value_column_only_where_a_detector_gives_p_values(
 )
 def test_numbers_are_short(value, text):
     assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (float("nan"), "–"),
+        (0.0, "< 1e-16"),
+        (1e-17, "< 1e-16"),
+        (0.000997, "0.001"),
+        (0.04, "0.04"),
+        (1.0, "1"),
+    ],
+)
+def test_no_probability_is_zero(value, text):
+    assert probability(value) == text
+
+
+def test_the_table_of_scores_tells_probabilities_as_the_evidence_does(case):
+    pair, result = case
+    table = score_table(scores_of(pair, result))
+    place = [column.name for column in table.columns].index("p value")
+    assert [row.cells[place] for row in table.rows] == ["< 1e-16"] * 2
+    assert evidence(replace(result, p_value=0.0)) == "p-value < 1e-16"
 
 
 @pytest.fixture(scope="module")

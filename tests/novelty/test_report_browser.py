@@ -1,9 +1,12 @@
 """The page in a real browser, without a network."""
 
+from dataclasses import replace
+
 import pytest
 
 from novelty.evaluation import evaluate_labels
 from novelty.report import Run, write_report
+from novelty.result import PointState
 from tests.novelty.report_case import SETTINGS, make_pair, make_result
 
 pytestmark = pytest.mark.slow
@@ -15,6 +18,13 @@ def page(browser, tmp_path_factory):
 
     pair = make_pair(num_points=3000)
     result = make_result(pair)
+    states = result.removed.point_states.copy()
+    states[:300], states[300:600], states[600:700] = (
+        PointState.OCCLUDED,
+        PointState.UNOBSERVED,
+        PointState.MOVED,
+    )
+    result = replace(result, removed=replace(result.removed, point_states=states))
     path = tmp_path_factory.mktemp("page") / "report.html"
     scores = {"added": evaluate_labels(pair.current.labels, result.added.point_labels)}
     write_report(path, pair, result, Run(SETTINGS), scores)
@@ -75,3 +85,24 @@ def test_never_scrolls_sideways(page, width):
         {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 600},
     )
     assert page.execute_script("return document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.parametrize("width", [360, 420, 820])
+def test_no_legend_is_cut(page, width):
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    page.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 600},
+    )
+    page.refresh()
+    WebDriverWait(page, 120).until(
+        lambda session: session.execute_script("return document.body.dataset.ready") == "true"
+    )
+    beyond = page.execute_script(
+        "return [...document.querySelectorAll('.view')].flatMap((view) =>"
+        "[...view.querySelectorAll('.legend .traces')].map((entry) =>"
+        "entry.querySelector('.legendtext').getBoundingClientRect().right - view.getBoundingClientRect().right))"
+    )
+    assert len(beyond) >= 8
+    assert max(beyond) <= 0

@@ -40,6 +40,13 @@
     return layout;
   };
 
+  // Where a row of the legend would be cut, its entries stand below each other.
+  const legendKeys = (data, width) => {
+    const entries = data.filter((trace) => trace.showlegend).length;
+    if (width >= 480) return {};
+    return { "legend.orientation": "v", "legend.x": 0, "legend.tracegroupgap": 0, "margin.b": 20 * entries };
+  };
+
   const slider = document.getElementById("top");
   const shownTop = document.getElementById("top-value");
   const sayTop = () => {
@@ -84,7 +91,7 @@
     sayTop();
     await Promise.all(scenes.map((kind, place) => {
       const { data, layout } = figures[kind];
-      const keys = { ...sceneTheme(), ...cutLayout(slider.value / 100) };
+      const keys = { ...sceneTheme(), ...cutLayout(slider.value / 100), ...legendKeys(data, views[place].clientWidth) };
       return Plotly.newPlot(views[place], data, withKeys(layout, keys), config);
     }));
     if (figures.mdl) {

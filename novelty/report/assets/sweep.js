@@ -22,9 +22,17 @@
     const font = { color: cssColour("--quiet"), family: getComputedStyle(document.body).fontFamily };
     return { ...layout, font, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)" };
   };
+  // Where a row of a 3D view's legend would be cut, its entries stand below each other.
+  const narrowed = (layout, data, width) => {
+    if (width >= 480) return layout;
+    const entries = data.filter((trace) => trace.showlegend).length;
+    const legend = { ...layout.legend, orientation: "v", x: 0, tracegroupgap: 0 };
+    return { ...layout, legend, margin: { ...layout.margin, b: 20 * entries } };
+  };
   const draw = (element, figure, scene = false) => {
     drawn.set(element, scene);
-    return Plotly.react(element, figure.data, themed(structuredClone(figure.layout), scene),
+    const layout = scene ? narrowed(figure.layout, figure.data, element.clientWidth) : figure.layout;
+    return Plotly.react(element, figure.data, themed(structuredClone(layout), scene),
       { ...config, scrollZoom: scene });
   };
   const repaint = () => {
