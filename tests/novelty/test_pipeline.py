@@ -125,6 +125,8 @@ def test_a_batch_equals_its_pairs_one_by_one(corridor, room, unchanged, of_corri
     together = novelty.detect_many([corridor, room, unchanged])
     for result, alone in zip(together, (of_corridor, of_room, of_unchanged), strict=True):
         assert_same(result, alone)
+        for scan in ("reference", "current"):
+            assert len(result.details[scan]["mdl_path"]) == len(alone.details[scan]["mdl_path"])
 
 
 def test_far_from_the_origin_and_in_millimetres_the_labels_are_the_same(room, of_room):
