@@ -18,8 +18,8 @@ AROUND = (8, 32, 128)
 where so many lie on the same line."""
 
 
-def patch_normals(scans: PreparedScans) -> torch.Tensor:
-    """Unit normals of the patches, float64 (M, 3); NaN where too few points make one.
+def patch_normals(scans: PreparedScans, asked: torch.Tensor) -> torch.Tensor:
+    """Unit normals, float64 (M, 3), of the patches `asked` for, bool (M,); NaN elsewhere or of too few points.
 
     A sensor with far fewer lines than points on each leaves cells that are pieces of one line, whose least extent is
     across the fan of the sensor's own rays. What faces so could not have been seen: such a cell is taken together with
@@ -28,25 +28,27 @@ def patch_normals(scans: PreparedScans) -> torch.Tensor:
     cells = scans.cells
     if cells.spreads is None:
         return torch.full_like(cells.points, torch.nan)
-    normals = _least_axes(cells.spreads.numpy())
-    packed = (cells.weights, cells.points, cells.spreads, torch.from_numpy(normals))
+    known = asked & (cells.weights >= LEAST_PATCH)
+    normals = torch.full_like(cells.points, torch.nan)
+    normals[known] = torch.linalg.eigh(cells.spreads[known]).eigenvectors[:, :, 0]  # of the least eigenvalue
+    packed = (cells.weights, cells.points, cells.spreads, known, normals)
     for stations, *parts in zip(scans.stations, *map(cells.split, packed), strict=True):
-        weights, points, spreads, own = (part.numpy() for part in parts)
-        if stations and len(points):
+        weights, points, spreads, chosen, own = (part.numpy() for part in parts)
+        if stations and chosen.any():
             origins = np.stack([rays.origin for rays in stations])
-            unseen = np.flatnonzero(~_could_be_seen(points, own, origins))
+            rows = np.flatnonzero(chosen)
+            unseen = rows[~_could_be_seen(points[rows], own[rows], origins)]
+            tree = cKDTree(points)
             for around in AROUND:
-                variances, axes = np.linalg.eigh(_spreads_around(points, weights, spreads, unseen, around))
+                if not len(unseen):
+                    break
+                _, near = tree.query(points[unseen], k=[*range(1, min(around + 1, len(points)) + 1)])
+                variances, axes = np.linalg.eigh(_joint_spreads(points[near], weights[near], spreads[near]))
                 flat = variances[:, 0] * STEEPEST**2 < variances[:, 1]
                 found = flat & _could_be_seen(points[unseen], axes[:, :, 0], origins)
                 own[unseen[found]] = axes[found, :, 0]
                 unseen = unseen[~found]
-    return torch.where((cells.weights >= LEAST_PATCH)[:, None], torch.from_numpy(normals), torch.nan)
-
-
-def _least_axes(spreads: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Axes (n, 3) along which covariances (n, 3, 3) are least."""
-    return np.linalg.eigh(spreads)[1][:, :, 0]
+    return normals
 
 
 def _could_be_seen(
@@ -58,19 +60,11 @@ def _could_be_seen(
     return (cosines * np.hypot(1, STEEPEST) >= np.linalg.norm(away, axis=2)).any(axis=0)
 
 
-def _spreads_around(
-    points: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    spreads: NDArray[np.float64],
-    chosen: NDArray[np.int64],
-    around: int,
+def _joint_spreads(
+    points: NDArray[np.float64], weights: NDArray[np.float64], spreads: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Covariances of the chosen cells (m,) together with as many nearest ones (m, 3, 3), m^2."""
-    if not len(chosen):
-        return spreads[:0]
-    _, rows = cKDTree(points).query(points[chosen], k=[*range(1, min(around + 1, len(points)) + 1)])
-    shares = weights[rows] / weights[rows].sum(axis=1, keepdims=True)  # (m, k)
-    centres = np.einsum("mk,mkd->md", shares, points[rows])
-    offsets = points[rows] - centres[:, None]
-    outer = spreads[rows] + offsets[..., :, None] * offsets[..., None, :]
-    return np.einsum("mk,mkde->mde", shares, outer)
+    """Covariances of groups of k cells taken together: (m, k, 3), (m, k), (m, k, 3, 3) -> (m, 3, 3), m^2."""
+    shares = weights / weights.sum(axis=1, keepdims=True)
+    offsets = points - np.einsum("mk,mkd->md", shares, points)[:, None]
+    squares = spreads + offsets[..., :, None] * offsets[..., None, :]
+    return np.einsum("mk,mkde->mde", shares, squares)

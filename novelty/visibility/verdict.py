@@ -77,13 +77,15 @@ def judge(
     clusters = novel_clusters(scans, labels)
     groups = clusters * segmented.counts.shape[1] + segmented.components
     states = segmented.states.clone()
+    asked = torch.zeros(len(scans.cells.points), dtype=torch.bool)
+    asked[scans.cell_of_point[labels]] = True
     parts = zip(
         scans.points.split(scans.points.points),
         scans.points.split(labels),
         scans.points.split(clusters),
         scans.points.split(groups),
         scans.points.split(states),
-        scans.points.split(patch_normals(scans)[scans.cell_of_point]),
+        scans.points.split(patch_normals(scans, asked)[scans.cell_of_point]),
         others.stations,
         resolution.tolist(),
         strict=True,

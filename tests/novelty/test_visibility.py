@@ -97,7 +97,7 @@ def test_pieces_of_single_scan_lines_face_as_the_wall_does(turns, azimuths):
     points = spinning(turns, azimuths, same=False)
     points *= 1 + np.random.default_rng(1).normal(0, 0.003, (len(points), 1))
     scans = prepare([Scan(points, origin=np.zeros(3))], Preprocess(ground="none", outliers="none"))
-    normals = patch_normals(scans)
+    normals = patch_normals(scans, torch.ones(len(scans.cells.points), dtype=torch.bool))
     known = ~normals[:, 0].isnan()
     assert known.double().mean() > 0.9
     assert (normals[known, 0].abs() > 0.8).double().mean() > 0.9
