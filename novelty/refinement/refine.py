@@ -20,7 +20,7 @@ from novelty.refinement.chance import chance_group_sizes
 from novelty.refinement.surface import chance_of, own_distances, surface_distances
 from novelty.section import section
 from novelty.segment import SegmentedPoints, states_of
-from novelty.visibility import has_stations
+from novelty.visibility import filled_between_lines, has_stations
 
 ROUGHNESS_AT = 0.95
 """Quantile at which a scan's own distances from its surfaces are compared with those of Gaussian noise."""
@@ -79,7 +79,7 @@ def measure_off_surface(
         resolution: (B,) m, see `surface_distances`.
         settings: How to refine.
     """
-    distances = surface_distances(scans.points, other.cells, resolution)  # (N,)
+    distances = surface_distances(scans.points, filled_between_lines(other), resolution)
     comparable = torch.tensor([size > 0 for size in other.cells.sizes])[scans.points.cloud_index]
     own = own_distances(scans.points, scans.cell_of_point, resolution)
     threshold = _threshold(own, settings)  # (B,)

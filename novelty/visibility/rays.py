@@ -17,6 +17,9 @@ NEIGHBOURS = 6
 REACH = 1.0
 """A ray speaks for a point when it passes within this many typical gaps between neighbouring rays."""
 
+THROUGH = 1 / 3
+"""Share of that gap within which it passes through the point itself: on a line of rays, one step to either side."""
+
 STEEPEST = 5.0
 """Greatest slope of a surface against a ray that is reckoned with, some 79 degrees."""
 
@@ -125,21 +128,27 @@ class Rays:
         Args:
             points: Places in space, m.
             tolerance: Range difference that noise and pose error explain, m.
-            normals: (M, 3) unit normals of the surfaces that the points are on, NaN where unknown; None: all unknown.
+            normals: (M, 3) unit normals of the surfaces that the points are on, zero where a single line was all of it
+                that was seen, NaN where nothing is known; None: nothing of any.
 
         Returns:
             `Sight` of each point, uint8 (M,). SEEN_THROUGH when every neighbouring ray went on behind the point,
             HIDDEN when every one ended before it, SURFACE when one ended on it, NO_RAY when none passes near. When
             some went on and others ended before, at the edge of something nearer: BESIDE or HIDDEN, whichever most
             say; SURFACE where the normal is unknown. Past a surface so steep that the error of its normal decides rays
-            go BESIDE at best.
+            go BESIDE at best, and so they do past a line unless they pass through it. Where the rays are lines far
+            apart, one that passes through a point is enough; past the point it has to be so on both sides.
         """
-        sights = np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
-        for pattern in self._patterns if len(self.ranges) else ():
-            left = np.flatnonzero(sights == Sight.NO_RAY)
-            if len(left):
-                facing = None if normals is None else normals[left]
-                sights[left] = self._sights_in(pattern, points[left], tolerance, facing)
+        if not len(self.ranges):
+            return np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
+        every, *thinned = self._patterns
+        sights, through = self._sights_in(every, points, tolerance, normals)
+        for pattern in thinned:
+            again = (sights == Sight.NO_RAY) | ((sights == Sight.SEEN_THROUGH) & ~through)
+            facing = None if normals is None else normals[again]
+            around, _ = self._sights_in(pattern, points[again], tolerance, facing)
+            past_one_side = (sights[again] == Sight.SEEN_THROUGH) & (around != Sight.SEEN_THROUGH)
+            sights[again] = np.where(past_one_side, Sight.BESIDE, around)
         return sights
 
     def _sights_in(
@@ -148,7 +157,8 @@ class Rays:
         points: NDArray[np.float64],
         tolerance: float,
         normals: NDArray[np.float64] | None,
-    ) -> NDArray[np.uint8]:
+    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """`Sight` of each point by the rays of one pattern, and whether one of them passes through it, not beside."""
         sights = np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
         away = points - self.origin
         ranges = np.linalg.norm(away, axis=1)
@@ -158,22 +168,24 @@ class Rays:
         )
         near = np.isfinite(chords)  # (M, NEIGHBOURS)
         slopes = _slopes(directions, normals)
+        line = np.isinf(slopes)
         leaning = np.minimum(np.nan_to_num(slopes), STEEPEST)
         slack = tolerance + np.where(near, chords, 0.0) * (ranges * leaning)[:, None]
         beyond = self.ranges[pattern.rows[np.where(near, rows, 0)]] - ranges[:, None]
         total = near.sum(axis=1)
         behind = (near & (beyond > slack)).sum(axis=1)
         before = (near & (beyond < -slack)).sum(axis=1)
-        torn = (behind + before == total) & ~np.isnan(slopes)  # nothing ended on the point's surface
-        steep = slopes > STEEPEST
+        torn = (behind + before == total) & ~(np.isnan(slopes) | line)  # nothing ended on the point's surface
+        steep = (slopes > STEEPEST) & ~line
+        through = chords[:, 0] < THROUGH * pattern.gap
         seen = total > 0
         sights[seen & ~torn] = Sight.SURFACE
         sights[seen & torn & ~steep] = Sight.HIDDEN
         sights[seen & torn & ~steep & (behind >= before)] = Sight.BESIDE
         sights[seen & (before == total)] = Sight.HIDDEN
         sights[seen & (behind == total)] = Sight.SEEN_THROUGH
-        sights[seen & (behind == total) & steep] = Sight.BESIDE
-        return sights
+        sights[seen & (behind == total) & (steep | (line & ~through))] = Sight.BESIDE
+        return sights, through
 
 
 def _line_gap(directions: NDArray[np.float64], near: float) -> float:
@@ -204,11 +216,15 @@ def _numbers(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _slopes(directions: NDArray[np.float64], normals: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Tangent of the angle between each direction (M, 3) and the normal of the surface it meets; NaN if unknown."""
+    """Tangent of the angle between each direction (M, 3) and the normal of the surface it meets.
+
+    Infinite for a normal of zero, of a line, which may be of any surface; NaN where it is unknown.
+    """
     if normals is None:
         return np.full(len(directions), np.nan)
     cosines = np.abs(np.einsum("md,md->m", directions, normals))
-    return np.sqrt(np.maximum(1 - cosines**2, 0)) / np.maximum(cosines, 1e-9)
+    slopes = np.sqrt(np.maximum(1 - cosines**2, 0)) / np.maximum(cosines, 1e-9)
+    return np.where((normals == 0).all(axis=1), np.inf, slopes)
 
 
 def stations_of(returns: NDArray[np.float64], origins: NDArray[np.float64] | None) -> tuple[Rays, ...]:

@@ -15,7 +15,7 @@ from novelty.preprocess import PreparedScans
 from novelty.result import PointState
 from novelty.section import section
 from novelty.segment import SegmentedPoints
-from novelty.visibility.normals import patch_normals
+from novelty.visibility.patches import patch_normals
 from novelty.visibility.rays import Sight, has_stations, joint_sights
 
 LEAST_SEEN = 0.2

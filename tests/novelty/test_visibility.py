@@ -7,11 +7,13 @@ import pytest
 import torch
 
 import novelty
+from gmmtorch import PointClouds
 from novelty import Config, Scan, ScanPair
-from novelty.preprocess import Preprocess, prepare
+from novelty.preprocess import PreparedScans, Preprocess, prepare
+from novelty.refinement import surface_distances
 from novelty.simulation import room_pair
 from novelty.visibility import Rays, Sight
-from novelty.visibility.normals import patch_normals
+from novelty.visibility.patches import filled_between_lines, patch_normals
 
 ORIGIN = np.array([10.0, -5.0, 1.0])
 
@@ -101,6 +103,70 @@ def test_pieces_of_single_scan_lines_face_as_the_wall_does(turns, azimuths):
     known = ~normals[:, 0].isnan()
     assert known.double().mean() > 0.9
     assert (normals[known, 0].abs() > 0.8).double().mean() > 0.9
+
+
+def test_a_ray_on_one_side_of_a_point_between_lines_does_not_clear_it():
+    """Lines 2 degrees apart; those above the horizon see a wall at 6 m over the top of a thing 3 m away."""
+    ray = spinning(1, 400, same=True) / 3.0
+    rays = Rays.of(ray * np.where(ray[:, 2:] > 0, 6.0, 3.0), np.zeros(3))
+    facing = np.array([[1.0, 0.0, 0.0]])
+    for degrees, sight in ((1.0, Sight.SEEN_THROUGH), (0.85, Sight.BESIDE), (3.85, Sight.SEEN_THROUGH)):
+        place = 3.0 * np.array([[1.0, np.tan(0.0135), np.tan(np.radians(degrees))]])
+        assert rays.sights(place, 0.05, facing)[0] == sight, degrees
+
+
+def test_a_thing_on_a_single_line_is_cleared_by_rays_through_it_only():
+    rays = Rays.of(spinning(1, 800, same=True), np.zeros(3))
+    bar = 2.0 * np.array([[1.0, np.tan(0.0135), np.tan(np.radians(angle))] for angle in (1.0, 1.1)])
+    of_a_line, unknown = np.zeros((2, 3)), None
+    assert rays.sights(bar, 0.05, of_a_line).tolist() == [Sight.SEEN_THROUGH, Sight.BESIDE]
+    assert rays.sights(bar, 0.05, unknown).tolist() == [Sight.SEEN_THROUGH] * 2
+
+
+def scanned(points) -> PreparedScans:
+    points = points * (1 + np.random.default_rng(1).normal(0, 0.003, (len(points), 1)))
+    return prepare([Scan(points, origin=np.zeros(3))], Preprocess(ground="none", outliers="none"))
+
+
+def test_a_bar_on_a_single_line_has_no_normal_and_a_sheet_along_the_rays_is_edge_on():
+    wall = spinning(1, 800, same=True)
+    y = np.linspace(-0.2, 0.2, 150)
+    bar = np.stack([np.full_like(y, 1.5), y, np.full_like(y, 0.02)], axis=1)
+    x, z = (part.ravel() for part in np.meshgrid(np.linspace(1.0, 1.4, 30), np.linspace(-0.2, 0.2, 30)))
+    sheet = np.stack([x, 0.35 * x, z], axis=1)
+    scans = scanned(np.concatenate([wall, bar, sheet]))
+    normals = patch_normals(scans, torch.ones(len(scans.cells.points), dtype=torch.bool))
+    x = scans.cells.points[:, 0]
+    assert (normals[(x > 1.45) & (x < 1.55)] == 0).all()
+    of_sheet = (x > 1.1) & (x < 1.3) & (scans.cells.weights > 3)
+    assert (normals[of_sheet] @ torch.tensor([0.35, -1.0, 0.0], dtype=torch.float64)).abs().median() > 0.9
+
+
+def test_between_its_lines_a_wall_goes_on_and_not_far_past_its_edge():
+    scans = scanned(spinning(1, 800, same=True))
+    cells, filled = scans.cells, filled_between_lines(scans)
+    degrees = np.array([2.0, 4.0, 15.0 + 1.0, 15.0 + 4.0])  # between lines, and past the last one
+    places = 3.0 * np.array([[1.0, np.tan(0.05), np.tan(np.radians(angle))] for angle in degrees])
+    before = places - [0.2, 0.0, 0.0]
+    asked = PointClouds.from_list([np.concatenate([places, before])])
+    resolution = torch.tensor([0.01], dtype=torch.float64)
+    far = surface_distances(asked, cells, resolution).sqrt()
+    near = surface_distances(asked, filled, resolution).sqrt()
+    assert far[[0, 1, 2]].min() > 4
+    assert near[[0, 1, 2]].max() < 3
+    assert near[3:].min() > 4
+    assert torch.equal(filled.points, cells.points)
+    assert torch.equal(filled.weights, cells.weights)
+
+
+def test_a_wall_sampled_evenly_and_a_scan_from_nowhere_are_as_they_were():
+    y, z = (part.ravel() for part in np.meshgrid(np.linspace(-1, 1, 100), np.linspace(-1, 1, 100)))
+    even = scanned(np.stack([np.full_like(y, 3.0), y, z], axis=1))
+    wider = (filled_between_lines(even).spreads - even.cells.spreads).diagonal(dim1=1, dim2=2).sum(dim=1)
+    assert (wider > 0).double().mean() < 0.05  # strips at its border
+    assert wider.max() < even.cell_size.square()
+    lines = prepare([Scan(spinning(1, 800, same=True))], Preprocess(ground="none", outliers="none"))
+    assert torch.equal(filled_between_lines(lines).spreads, lines.cells.spreads)
 
 
 def test_no_points_and_no_rays_give_no_sight(rays):
