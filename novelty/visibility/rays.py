@@ -20,6 +20,9 @@ REACH = 1.0
 THROUGH = 1 / 3
 """Share of that gap within which it passes through the point itself: on a line of rays, one step to either side."""
 
+ONE_SIDED = 0.6
+"""Mean offset of rays as a share of their mean distance above which they pass at one side: 0.64 of half a disc."""
+
 STEEPEST = 5.0
 """Greatest slope of a surface against a ray that is reckoned with, some 79 degrees."""
 
@@ -137,18 +140,20 @@ class Rays:
             some went on and others ended before, at the edge of something nearer: BESIDE or HIDDEN, whichever most
             say; SURFACE where the normal is unknown. Past a surface so steep that the error of its normal decides rays
             go BESIDE at best, and so they do past a line unless they pass through it. Where the rays are lines far
-            apart, one that passes through a point is enough; past the point it has to be so on both sides.
+            apart, one that passes through a point is enough; past the point it has to be so on both sides. Nor do rays
+            that all pass at one side clear a point, as at the rim of a hole where nothing returned.
         """
         if not len(self.ranges):
             return np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
-        every, *thinned = self._patterns
-        sights, through = self._sights_in(every, points, tolerance, normals)
+        first, *thinned = self._patterns
+        sights, through, around = self._sights_in(first, points, tolerance, normals)
         for pattern in thinned:
             again = (sights == Sight.NO_RAY) | ((sights == Sight.SEEN_THROUGH) & ~through)
             facing = None if normals is None else normals[again]
-            around, _ = self._sights_in(pattern, points[again], tolerance, facing)
-            past_one_side = (sights[again] == Sight.SEEN_THROUGH) & (around != Sight.SEEN_THROUGH)
-            sights[again] = np.where(past_one_side, Sight.BESIDE, around)
+            wider, _, around[again] = self._sights_in(pattern, points[again], tolerance, facing)
+            past_one_side = (sights[again] == Sight.SEEN_THROUGH) & (wider != Sight.SEEN_THROUGH)
+            sights[again] = np.where(past_one_side, Sight.BESIDE, wider)
+        sights[(sights == Sight.SEEN_THROUGH) & ~(through | around)] = Sight.BESIDE
         return sights
 
     def _sights_in(
@@ -157,8 +162,8 @@ class Rays:
         points: NDArray[np.float64],
         tolerance: float,
         normals: NDArray[np.float64] | None,
-    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """`Sight` of each point by the rays of one pattern, and whether one of them passes through it, not beside."""
+    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_], NDArray[np.bool_]]:
+        """`Sight` of each point by the rays of one pattern, whether one passes through it, and whether all round it."""
         sights = np.full(len(points), Sight.NO_RAY, dtype=np.uint8)
         away = points - self.origin
         ranges = np.linalg.norm(away, axis=1)
@@ -171,7 +176,8 @@ class Rays:
         line = np.isinf(slopes)
         leaning = np.minimum(np.nan_to_num(slopes), STEEPEST)
         slack = tolerance + np.where(near, chords, 0.0) * (ranges * leaning)[:, None]
-        beyond = self.ranges[pattern.rows[np.where(near, rows, 0)]] - ranges[:, None]
+        rows = pattern.rows[np.where(near, rows, 0)]
+        beyond = self.ranges[rows] - ranges[:, None]
         total = near.sum(axis=1)
         behind = (near & (beyond > slack)).sum(axis=1)
         before = (near & (beyond < -slack)).sum(axis=1)
@@ -185,7 +191,10 @@ class Rays:
         sights[seen & (before == total)] = Sight.HIDDEN
         sights[seen & (behind == total)] = Sight.SEEN_THROUGH
         sights[seen & (behind == total) & (steep | (line & ~through))] = Sight.BESIDE
-        return sights, through
+        offsets = np.where(near[..., None], self.directions[rows] - directions[:, None], 0.0)
+        aside = np.linalg.norm(offsets.sum(axis=1), axis=1)  # of the centre of the rays
+        around = aside < ONE_SIDED * np.where(near, chords, 0.0).sum(axis=1)
+        return sights, through, around
 
 
 def _line_gap(directions: NDArray[np.float64], near: float) -> float:

@@ -123,6 +123,17 @@ def test_a_thing_on_a_single_line_is_cleared_by_rays_through_it_only():
     assert rays.sights(bar, 0.05, unknown).tolist() == [Sight.SEEN_THROUGH] * 2
 
 
+def test_rays_that_all_pass_at_one_side_do_not_clear_a_point():
+    """Rays a quarter of a degree apart to a wall 3 m ahead; none returned from azimuths below 10 degrees."""
+    tangents = np.tan(np.radians(np.linspace(-20, 20, 161)))
+    ray = np.stack([np.ones((161, 161)), *np.meshgrid(tangents, tangents)], axis=-1).reshape(-1, 3)
+    rays = Rays.of(3.0 * ray[ray[:, 1] > np.tan(np.radians(10.1))], np.zeros(3))
+    facing = np.array([[1.0, 0.0, 0.0]])
+    for degrees, sight in ((9.0, Sight.NO_RAY), (10.05, Sight.BESIDE), (10.6, Sight.SEEN_THROUGH)):
+        place = 2.0 * np.array([[1.0, np.tan(np.radians(degrees)), np.tan(np.radians(0.125))]])
+        assert rays.sights(place, 0.05, facing)[0] == sight, degrees
+
+
 def scanned(points) -> PreparedScans:
     points = points * (1 + np.random.default_rng(1).normal(0, 0.003, (len(points), 1)))
     return prepare([Scan(points, origin=np.zeros(3))], Preprocess(ground="none", outliers="none"))
