@@ -22,6 +22,9 @@ AROUND = (8, 32, 128)
 """Cells around one that show how the surface goes on where that cell is a piece of a single scan line; more of them
 where so many lie on the same line."""
 
+CHUNK = 2**18
+"""Cells per step, each as often as it is around another, so that no temporary exceeds some tens of megabytes."""
+
 ON_LINE = 3
 """Cells, nearest to each other, that show how a line runs."""
 
@@ -131,11 +134,15 @@ class _Patches:
 
     def joint_spreads(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Covariances of groups of k cells taken together: (m, k) -> (m, 3, 3), m^2."""
+        steps = 1 + rows.size // CHUNK
+        return np.concatenate([self._joint_spreads(part) for part in np.array_split(rows, steps)])
+
+    def _joint_spreads(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         weights = self.weights[rows]
         shares = weights / weights.sum(axis=1, keepdims=True)
         offsets = self.points[rows] - np.einsum("mk,mkd->md", shares, self.points[rows])[:, None]
-        squares = self.spreads[rows] + offsets[..., :, None] * offsets[..., None, :]
-        return np.einsum("mk,mkde->mde", shares, squares)
+        inside = np.einsum("mk,mkde->mde", shares, self.spreads[rows])
+        return inside + np.einsum("mk,mkd,mke->mde", shares, offsets, offsets, optimize=True)
 
     def gaps(self, rows: NDArray[np.intp], normals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Covariances, (m, 3, 3), of what lies between the line of each cell and the next in its plane, m^2.
