@@ -14,7 +14,7 @@ from gmmtorch import FitResult, Status
 from novelty.clusters import novel_clusters
 from novelty.detectors import Comparison, ComponentNovelty, PointNovelty
 from novelty.detectors.p_values import least_p_value
-from novelty.fitting import Models
+from novelty.fitting import Models, advice_of
 from novelty.objects import Move, Things, describe_objects, find_moves, mark_moves, number_objects
 from novelty.preprocess import PreparedPairs, PreparedScans, metres_per
 from novelty.registration import Registrations
@@ -237,7 +237,7 @@ def _notes(role: str, row: int, side: _Side) -> list[str]:
     notes = [f"{role} scan: {note}" for note in side.scans.notes[row]]
     status = Status(int(side.fits.status[row]))  # type: ignore[call-arg]
     if status is not Status.OK:
-        notes.append(f"{role} scan: {status.advice}")
+        notes.append(f"{role} scan: {advice_of(status)}")
     return notes
 
 

@@ -10,11 +10,14 @@ import torch
 from pydantic import Field
 
 import gmmtorch
-from gmmtorch import FitResult, GaussianMixtures, PointClouds
+from gmmtorch import FitResult, GaussianMixtures, PointClouds, Status
 from novelty.preprocess.prepared import PreparedPairs, PreparedScans
 from novelty.section import section
 
 T = TypeVar("T")
+
+ADVICE = {"raise min_std": "raise fit.min_std", "; raise max_iterations": ""}
+"""Advice of the engine, and what it is in terms of the configuration, which has no key for the iterations."""
 
 
 @section
@@ -150,4 +153,21 @@ def fitted_clouds(scans: PreparedScans, settings: Fit) -> PointClouds:
     return clouds.to(dtype=torch.float32 if settings.precision == "float32" else torch.float64)
 
 
-__all__ = ["Fit", "FitPlan", "GaussianMixtures", "Models", "fit_independently", "fit_scans", "fitted_clouds"]
+def advice_of(status: Status) -> str:
+    """What the engine advises, in terms of the configuration."""
+    advice = status.advice
+    for given, here in ADVICE.items():
+        advice = advice.replace(given, here)
+    return advice
+
+
+__all__ = [
+    "Fit",
+    "FitPlan",
+    "GaussianMixtures",
+    "Models",
+    "advice_of",
+    "fit_independently",
+    "fit_scans",
+    "fitted_clouds",
+]

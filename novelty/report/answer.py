@@ -8,9 +8,6 @@ import math
 from novelty.report.tables import probability, thousands
 from novelty.result import Change, NoveltyResult, PointState, ResultStatus
 
-ADVICE = {"raise min_std": "raise fit.min_std", "; raise max_iterations": ""}
-"""Advice of the engine, and what it is in terms of the configuration, which has no key for the iterations."""
-
 BOTH = "both scans: "
 
 LARGE_SHARE = 0.05
@@ -60,10 +57,8 @@ def notes(result: NoveltyResult) -> list[str]:
 
 
 def note_lines(message: str) -> list[str]:
-    """The notes in `NoveltyResult.message`, what holds for both scans once, keys as the configuration has them."""
+    """The notes in `NoveltyResult.message`, what holds for both scans once."""
     lines = [line.strip() for line in message.splitlines() if line.strip()]
-    for advice, here in ADVICE.items():
-        lines = [line.replace(advice, here) for line in lines]
     said = set(lines)
     for first, second in itertools.permutations(("reference scan: ", "current scan: ")):
         lines = [

@@ -4,14 +4,17 @@ import itertools
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+import novelty
+from gmmtorch import Status
 from novelty import Config, ConfigError, Scan, ScanPair
 from novelty.config import baseline_names, detector_names, read_yaml_mapping
 from novelty.config_yaml import commented_yaml, preset_yaml
 from novelty.detectors import StructuralMatching
-from novelty.fitting import Fit, FitPlan
+from novelty.fitting import Fit, FitPlan, advice_of
 from novelty.preprocess import Preprocess, prepare_pairs
 from novelty.presets import PRESETS
 
@@ -165,3 +168,17 @@ def test_the_preset_reaches_the_fit(rng):
         thin[floor] = [fit.mixtures.covariances[0, 0, 2, 2].item() for fit in fits]
     # Bouman's floor, 1e-5 of the mean variance, is far above the default, (1e-4 of the extent)^2.
     assert min(thin["paper"]) > 100 * max(thin["model"])
+
+
+@pytest.mark.parametrize("status", [Status.FLOOR_REACHED, Status.NOT_CONVERGED])
+def test_what_a_fit_advises_is_a_key_of_the_configuration(status):
+    advice = advice_of(status)
+    for key in re.findall(r"raise ([\w.]+)", advice):
+        assert Config().replace(**{key: 1.0}) != Config()
+    assert ("fit.min_std" in advice) == (status is Status.FLOOR_REACHED)
+
+
+def test_the_notes_of_a_result_name_keys_of_the_configuration(rng):
+    plane = Scan(np.concatenate([rng.uniform(0, 2, (400, 2)), np.zeros((400, 1))], axis=1))
+    result = novelty.detect(ScanPair(plane, plane), Config().replace(**{"preprocess.ground": "none"}))
+    assert "raise fit.min_std to" in result.message
