@@ -50,9 +50,9 @@ def patch_normals(scans: PreparedScans, asked: torch.Tensor) -> torch.Tensor:
         if len(origins):
             lines = ~_could_be_seen(patches.points[rows], found, origins)
             joint = patches.joint_normals(rows[lines], origins)
-            bare = np.isnan(joint[:, 0]) & patches.along_lines(rows[lines], origins)
-            joint = np.where(np.isnan(joint), found[lines], joint)
-            joint[bare] = 0.0
+            alone = np.isnan(joint[:, 0])
+            joint[alone] = found[lines][alone]
+            joint[alone & patches.along_lines(rows[lines], origins)] = 0.0
             found[lines] = joint
         own[rows] = torch.from_numpy(found)
     return normals
