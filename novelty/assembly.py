@@ -156,7 +156,7 @@ def _doubt(role: str, change: Change) -> str:
 
 
 def _moves(row: int, added: _Side, removed: _Side, outcome: PairOutcome) -> list[Move]:
-    resolution = outcome.batch.resolution(outcome.registrations.residual)[row]
+    resolution = outcome.batch.resolution[row]
     return find_moves(_things(row, removed), _things(row, added), float(resolution), outcome.up)
 
 

@@ -106,7 +106,7 @@ def compare_prepared(
     # Section 4, future work: the given poses refined, what remains of their error measured.
     with clock.stage("register"):
         registrations = register(batch, config.registration)
-        batch = batch.aligned(registrations.transforms)
+        batch = batch.aligned(registrations.transforms, registrations.residual)
     # Section 2.3: Gaussian mixtures, their order chosen by MDL (Algorithm 1).
     with clock.stage("fit"):
         models = config.chosen_detector.fit(batch, plan)
@@ -142,10 +142,8 @@ def compare_fitted(
         comparison = detector.compare(batch, models)
     # Algorithm 2, line 10: the points of those components; then what lies inside them and behind them.
     with clock.stage("segment"):
-        added = segment_current(batch, models, comparison.added, registrations, config, measured)
-        removed = segment_current(
-            batch.exchanged(), models.exchanged(), comparison.removed, registrations, config, measured
-        )
+        added = segment_current(batch, models, comparison.added, config, measured)
+        removed = segment_current(batch.exchanged(), models.exchanged(), comparison.removed, config, measured)
     with clock.stage("objects"):
         notes = blind_notes(batch.reference, batch.current) if _asks_visibility(config) else [()] * len(pairs)
         notes = [
@@ -161,7 +159,6 @@ def segment_current(
     batch: PreparedPairs,
     models: Models,
     novelty: ComponentNovelty | PointNovelty,
-    registrations: Registrations,
     config: Config,
     measured: Measured | None = None,
 ) -> SegmentedPoints:
@@ -171,7 +168,7 @@ def segment_current(
     judges them, when asked to.
     """
     scans, others = batch.current, batch.reference
-    resolution = batch.resolution(registrations.residual)
+    resolution = batch.resolution
     visible = _asks_visibility(config)
     if isinstance(novelty, PointNovelty):
         segmented = label_points(scans.points, novelty)

@@ -12,7 +12,7 @@ from novelty.evaluation import evaluate_labels
 from novelty.fitting import FitPlan, Models
 from novelty.pipeline import segment_current
 from novelty.preprocess import PreparedPairs, PreparedScans, check_scan, prepare_pairs
-from novelty.registration import Registrations, register
+from novelty.registration import register
 from novelty.scan import CHANGED, Scan, ScanPair
 from novelty.segment import SegmentedPoints
 
@@ -24,13 +24,11 @@ class FittedPair:
     Attributes:
         pair: The scans as given, with labels.
         batch: The same, preprocessed and aligned: a batch of one.
-        registrations: What registration did.
         models: The mixtures.
     """
 
     pair: ScanPair
     batch: PreparedPairs
-    registrations: Registrations
     models: Models
 
 
@@ -45,9 +43,9 @@ def fit_pair(pair: ScanPair, config: Config) -> FittedPair:
         check_scan(scan)
     batch = prepare_pairs([pair], config.preprocess, config.unit)
     registrations = register(batch, config.registration)
-    batch = batch.aligned(registrations.transforms)
+    batch = batch.aligned(registrations.transforms, registrations.residual)
     plan = FitPlan(settings=config.fit, max_components=config.max_components, seed=config.seed)
-    return FittedPair(pair, batch, registrations, config.chosen_detector.fit(batch, plan))
+    return FittedPair(pair, batch, config.chosen_detector.fit(batch, plan))
 
 
 def kappa(fitted: FittedPair, config: Config) -> float:
@@ -56,12 +54,10 @@ def kappa(fitted: FittedPair, config: Config) -> float:
     Equals the kappa of `novelty.detect` with these settings, for those that act after the fit. A direction without
     any change in truth and answer has no kappa and is left out; NaN when neither has one.
     """
-    batch, models, registrations = fitted.batch, fitted.models, fitted.registrations
+    batch, models = fitted.batch, fitted.models
     comparison = config.chosen_detector.compare(batch, models)
-    added = segment_current(batch, models, comparison.added, registrations, config)
-    removed = segment_current(
-        batch.exchanged(), models.exchanged(), comparison.removed, registrations, config
-    )
+    added = segment_current(batch, models, comparison.added, config)
+    removed = segment_current(batch.exchanged(), models.exchanged(), comparison.removed, config)
     values = [
         _kappa(fitted.pair.current, batch.current, added),
         _kappa(fitted.pair.reference, batch.reference, removed),

@@ -11,16 +11,16 @@ from novelty.preprocess.prepared import PreparedPairs
 
 
 def cell_resolution(batch: PreparedPairs) -> Tensor:
-    """Standard deviation r of one axis of a cell, the coarser scan of each pair, m (P,); 0 where unknown.
+    """Standard deviation r of one axis of a cell, the coarser scan of each pair, as misaligned as it is, m (P,).
 
     A cell's root-mean-square extent counts all three axes, hence the sqrt(3). Cells of the size of a single
-    point have no extent; the spacing of the points then stands for it.
+    point have no extent; the spacing of the points then stands for it. 0 where nothing is known.
     """
     sides = [
         torch.maximum(scans.cell_size, scans.spacing).nan_to_num(0.0)
         for scans in (batch.reference, batch.current)
     ]
-    return torch.maximum(*sides) / math.sqrt(3)
+    return batch.blurred(torch.maximum(*sides) / math.sqrt(3))
 
 
 def blurred(covariances: Tensor, resolution: Tensor) -> Tensor:

@@ -66,7 +66,7 @@ def find_unexplained(
         clouds: the cells of the references and of the current scans as they are fitted: what counts how much.
         most_groups: Largest number of groups of a scan; with 0 every cell counts as explained.
     """
-    resolution = batch.resolution(torch.zeros(len(batch))).tolist()
+    resolution = batch.sampling.tolist()
     found = []
     for row in range(len(batch)):
         one, other = (

@@ -107,10 +107,15 @@ class PreparedScans:
 
 @dataclass(frozen=True, eq=False)
 class PreparedPairs:
-    """P pairs of prepared scans: row p of `reference` is compared with row p of `current`."""
+    """P pairs of prepared scans: row p of `reference` is compared with row p of `current`.
+
+    Attributes:
+        misalignment: (P,) m, what registration left of the error of the pose, NaN where it is not known; None before.
+    """
 
     reference: PreparedScans
     current: PreparedScans
+    misalignment: torch.Tensor | None = None
 
     def __len__(self) -> int:
         """P."""
@@ -118,20 +123,32 @@ class PreparedPairs:
 
     def exchanged(self) -> PreparedPairs:
         """The same pairs with the roles exchanged: what is new there is gone here."""
-        return PreparedPairs(reference=self.current, current=self.reference)
+        return PreparedPairs(self.current, self.reference, self.misalignment)
 
-    def aligned(self, transforms: torch.Tensor) -> PreparedPairs:
-        """The same pairs with the current scans moved into the frames of the references, float64 (P, 4, 4)."""
-        return PreparedPairs(reference=self.reference, current=self.current.moved(transforms))
-
-    def resolution(self, misalignment: torch.Tensor) -> torch.Tensor:
-        """Length below which the two scans of a pair cannot be told apart, m (P,): sampling and pose error together.
+    def aligned(self, transforms: torch.Tensor, misalignment: torch.Tensor) -> PreparedPairs:
+        """The same pairs with the current scans moved into the frames of the references.
 
         Args:
-            misalignment: (P,) m, what registration left; NaN counts as none.
+            transforms: float64 (P, 4, 4), m.
+            misalignment: (P,) m, what is left of the error of the pose.
         """
-        spacing = torch.fmax(self.reference.spacing, self.current.spacing)
-        return torch.hypot(spacing, misalignment.nan_to_num(0.0)).nan_to_num(0.0)
+        return PreparedPairs(self.reference, self.current.moved(transforms), misalignment)
+
+    @property
+    def sampling(self) -> torch.Tensor:
+        """Typical distance between neighbouring points in the coarser scan of each pair, m (P,); 0 where unknown."""
+        return torch.fmax(self.reference.spacing, self.current.spacing).nan_to_num(0.0)
+
+    @property
+    def resolution(self) -> torch.Tensor:
+        """Length below which the two scans of a pair cannot be told apart, m (P,): sampling and pose error together."""
+        return self.blurred(self.sampling)
+
+    def blurred(self, lengths: torch.Tensor) -> torch.Tensor:
+        """Standard deviations (P,) m of either scan, with the error of the pose between them; unknown is none."""
+        if self.misalignment is None:
+            return lengths
+        return torch.hypot(lengths, self.misalignment.nan_to_num(0.0))
 
 
 def _starts(clouds: PointClouds) -> torch.Tensor:

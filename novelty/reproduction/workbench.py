@@ -101,7 +101,7 @@ class Workbench:
         start = time.perf_counter()
         comparison = config.chosen_detector.compare(aligned, models.value)
         compared = time.perf_counter()
-        points = segment_current(aligned, models.value, comparison.added, registered.value, config)
+        points = segment_current(aligned, models.value, comparison.added, config)
         stages = {
             "preprocess": batch.seconds,
             "register": registered.seconds if config.registration.method != "none" else 0.0,
@@ -129,9 +129,11 @@ class Workbench:
         )
 
     def _aligned(self, config: Config) -> PreparedPairs:
-        transforms = self._registered(config).value.transforms
+        registered = self._registered(config).value
         key = ("aligned", config.preprocess, config.registration)
-        return self._once(key, lambda: self.prepared(config).aligned(transforms)).value
+        return self._once(
+            key, lambda: self.prepared(config).aligned(registered.transforms, registered.residual)
+        ).value
 
     def _once(self, key: Hashable, make: Callable[[], Any]) -> _Stage:
         if key not in self._stages:

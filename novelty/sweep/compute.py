@@ -103,7 +103,7 @@ def _registered(pairs: tuple[ScanPair, ...], batch: PreparedPairs, prepared: _Br
     """Refine the given poses, then fit."""
     for branch in prepared.branches(lambda config: config.registration):
         registrations, seconds = _timed(partial(register, batch, branch.any.registration))
-        aligned = batch.aligned(registrations.transforms)
+        aligned = batch.aligned(registrations.transforms, registrations.residual)
         measured: Measured = {}
         for posed in branch.charged("register", seconds, len(pairs)).branches(lambda c: c.fit):
             yield from _compared(pairs, aligned, registrations, posed, measured)
@@ -134,7 +134,9 @@ def _fits(batch: PreparedPairs, configs: Sequence[Config]) -> dict[tuple[Hashabl
     pairs = len(batch)
     members = [pair for _ in kinds for pair in range(pairs)]
     cells = PreparedPairs(
-        _cells_alone(batch.reference).select(members), _cells_alone(batch.current).select(members)
+        _cells_alone(batch.reference).select(members),
+        _cells_alone(batch.current).select(members),
+        None if batch.misalignment is None else batch.misalignment[members],
     )
     plan = FitPlan(
         settings=configs[0].fit,

@@ -6,10 +6,12 @@ import torch
 
 from gmmtorch import GaussianMixtures
 from gmmtorch.distances import covariance_distance
+from novelty import Scan, ScanPair
 from novelty.detectors.quantiles import weighted_quantiles
-from novelty.detectors.resolution import blurred
+from novelty.detectors.resolution import blurred, cell_resolution
 from novelty.detectors.scaled_graphs import build_scaled_graphs, scaled_mean_distance
 from novelty.matching import Components
+from novelty.preprocess import Preprocess, prepare_pairs
 
 
 @pytest.mark.parametrize("level", [0.0, 0.01, 0.25, 0.5, 0.99, 1.0])
@@ -47,6 +49,19 @@ def test_blurring_adds_a_variance_per_pair():
     found = blurred(covariances, torch.tensor([0.1, 2.0]))
     torch.testing.assert_close(found[:, 0, 0, 0], torch.tensor([0.01, 4.0], dtype=torch.float64))
     assert (found[:, 0, 0, 1] == 0).all()
+
+
+def test_what_misalignment_remains_is_part_of_every_resolution(rng):
+    scans = [Scan(rng.normal(size=(300, 3))) for _ in range(2)]
+    batch = prepare_pairs([ScanPair(*scans)] * 3, Preprocess(outliers="none", ground="none"))
+    still = torch.eye(4, dtype=torch.float64).expand(3, 4, 4)
+    aligned = batch.aligned(still, torch.tensor([0.0, torch.nan, 0.3], dtype=torch.float64))
+    for length in (cell_resolution, lambda pairs: pairs.resolution):
+        before, after = length(batch), length(aligned)
+        assert torch.equal(after[:2], before[:2])  # none, and not known
+        torch.testing.assert_close(after[2] ** 2, before[2] ** 2 + 0.09)
+        assert torch.equal(length(aligned.exchanged()), after)
+    assert torch.equal(aligned.sampling, batch.sampling)
 
 
 def components(m: GaussianMixtures) -> Components:
