@@ -20,7 +20,7 @@ def cell_resolution(batch: PreparedPairs) -> Tensor:
         torch.maximum(scans.cell_size, scans.spacing).nan_to_num(0.0)
         for scans in (batch.reference, batch.current)
     ]
-    return batch.blurred(torch.maximum(*sides) / math.sqrt(3))
+    return batch.with_misalignment(torch.maximum(*sides) / math.sqrt(3))
 
 
 def blurred(covariances: Tensor, resolution: Tensor) -> Tensor:

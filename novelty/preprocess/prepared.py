@@ -142,9 +142,9 @@ class PreparedPairs:
     @property
     def resolution(self) -> torch.Tensor:
         """Length below which the two scans of a pair cannot be told apart, m (P,): sampling and pose error together."""
-        return self.blurred(self.sampling)
+        return self.with_misalignment(self.sampling)
 
-    def blurred(self, lengths: torch.Tensor) -> torch.Tensor:
+    def with_misalignment(self, lengths: torch.Tensor) -> torch.Tensor:
         """Standard deviations (P,) m of either scan, with the error of the pose between them; unknown is none."""
         if self.misalignment is None:
             return lengths
