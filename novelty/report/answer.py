@@ -18,6 +18,8 @@ def headline(result: NoveltyResult) -> str:
     """One line that says whether anything changed, and how much: "Changed: 2 objects added, 1 removed"."""
     if result.status is ResultStatus.FAILED:
         return "No answer"
+    if not result.changed and not min(result.added.num_examined, result.removed.num_examined):
+        return "Nothing was compared: no point is left to examine"
     if not result.changed:
         return "No change found where both scans saw" if unseen(result) else "No change found"
     kinds = [record.kind for record in (*result.added.objects, *result.removed.objects)]

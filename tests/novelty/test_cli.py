@@ -3,10 +3,13 @@
 import csv
 import json
 
+import numpy as np
 import pytest
 
+import novelty
 from novelty.cli import main
 from novelty.io import write_ply
+from novelty.report import headline
 from tests.novelty.report_case import make_pair
 
 QUICK = ("--max-components", "8")
@@ -231,3 +234,10 @@ def test_help_names_the_detectors_there_are():
     from novelty.config import detector_names
 
     assert set(DETECTORS.replace(",", "").split()) - {"or"} == set(detector_names())
+
+
+def test_a_pair_of_which_nothing_is_examined_is_not_called_unchanged(rng):
+    floor = novelty.Scan(np.c_[rng.uniform(0, 3, (500, 2)), np.zeros(500)])
+    result = novelty.detect(novelty.ScanPair(floor, floor))
+    assert result.added.num_examined == 0
+    assert headline(result) == "Nothing was compared: no point is left to examine"
